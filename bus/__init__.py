@@ -1,0 +1,1 @@
+"""The contract that every process shares: messages, keys, random streams, programs and the two transports."""

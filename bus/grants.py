@@ -1,0 +1,60 @@
+"""Who of a run's processes may say and hear what: an estimator neither the truth nor in another's name."""
+
+from __future__ import annotations
+
+from bus import keys
+from bus.access import Grant
+from bus.plan import Plan
+
+CHANNEL = "channel"
+"""The name of the channel process, on the bus and in its own log file."""
+
+
+def inputs(plan: Plan, name: str) -> tuple[str, ...]:
+    """Return the topics that a process receives while the run goes on (the channel's may be expressions)."""
+    if name == CHANNEL:
+        return tuple(f"tx/*/{stream}" for stream in (keys.MEASUREMENT, keys.EXCHANGE) if plan.links_of(stream))
+    if name == plan.plant.name:
+        return (keys.CREDIT,)
+    for own in plan.estimators:
+        if own.name == name:
+            measured = (keys.rx(name, keys.CORRECT),) if own.sensors else ()
+            exchanged = (keys.rx(name, keys.EXCHANGE),) if own.rounds and own.neighbours else ()
+            return measured + exchanged
+    return (keys.truth(plan.plant.name),)
+
+
+def outputs(plan: Plan, name: str) -> tuple[str, ...]:
+    """Return the topics on which a process sends while the run goes on."""
+    if name == CHANNEL:
+        streams = {link.stream for link in plan.links}
+        phases = [keys.phase_of(stream) for stream in sorted(streams)]
+        receivers = sorted({(link.destination, keys.phase_of(link.stream)) for link in plan.links})
+        return (*map(keys.channel, phases), *(keys.rx(node, phase) for node, phase in receivers))
+    if name == plan.plant.name:
+        return (keys.truth(name),)
+    if any(own.name == name for own in plan.estimators):
+        is_heard = any(link.source == name for link in plan.links_of(keys.EXCHANGE))
+        exchanged = (keys.tx(name, keys.EXCHANGE),) if is_heard else ()
+        return (*exchanged, keys.estimate(name))
+    return (keys.tx(name, keys.MEASUREMENT),)
+
+
+def process_names(plan: Plan) -> tuple[str, ...]:
+    """Return the names of all processes of a run: its nodes, and the channel when there are links."""
+    return (*plan.node_names, CHANNEL) if plan.links else plan.node_names
+
+
+def grant(plan: Plan, run: str, name: str) -> Grant:
+    """Return what one process of a run may do."""
+    prefix = keys.prefix(run)
+
+    def spelled(topics: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(prefix + topic for topic in topics)
+
+    return Grant(
+        user=name,
+        may_put=spelled((*outputs(plan, name), keys.finished(name))),
+        may_subscribe=spelled((*inputs(plan, name), keys.START, keys.STOP)),
+        alive=prefix + keys.alive(name),
+    )

@@ -1,0 +1,116 @@
+"""Programs: what runs on the bus, written once for one process and for many.
+
+A program is a generator that yields the topic it waits for and is sent the next message of that topic. It sends through
+a `Port`, which never blocks it. Such programs form a Kahn process network: what they compute cannot depend on the order
+in which they are run, only on what they are sent.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from typing import Any, Protocol
+
+import msgspec
+
+Program = Generator[str, Any, None]
+
+
+class Port(Protocol):
+    """Where a program sends to."""
+
+    def send(self, topic: str, message: msgspec.Struct) -> None:
+        """Send a message on a topic."""
+        ...
+
+
+class NodeError(RuntimeError):
+    """A node's own code raised; the cause is chained."""
+
+    def __init__(self, name: str, step: int, cause: BaseException) -> None:
+        super().__init__(f"{name} failed in step {step}: {type(cause).__name__}: {cause}")
+        self.name = name
+        self.step = step
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by parts: the cause crosses process borders as its text."""
+        return (NodeError, (self.name, self.step, RuntimeError(str(self))))
+
+
+def every_step(name: str, steps: int, one_step: Callable[[int], Program]) -> Program:
+    """Run ``one_step(k)`` for k = 0 .. steps - 1; what it raises becomes a `NodeError` with name and step."""
+    for step in range(steps):
+        try:
+            yield from one_step(step)
+        except Exception as error:
+            raise NodeError(name, step, error) from error
+
+
+class _Task:
+    """A program, the queue of every topic it receives, and the topic it waits for (None: it is ready or done)."""
+
+    __slots__ = ("program", "queues", "waits_for")
+
+    def __init__(self, program: Program, topics: Sequence[str]) -> None:
+        self.program = program
+        self.queues: dict[str, deque[Any]] = {topic: deque() for topic in topics}
+        self.waits_for: str | None = None
+
+
+class Scheduler:
+    """Runs programs side by side in one thread, each as far as its messages allow."""
+
+    def __init__(self) -> None:
+        self._readers: dict[str, list[_Task]] = {}
+        self._ready: deque[tuple[_Task, deque[Any]]] = deque()
+        self._new: list[_Task] = []
+        self._unfinished = 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether every program has ended."""
+        return self._unfinished == 0
+
+    def add(self, program: Program, receives: Sequence[str]) -> None:
+        """Add a program and the topics that it will wait for."""
+        task = _Task(program, receives)
+        for topic in receives:
+            self._readers.setdefault(topic, []).append(task)
+        self._new.append(task)
+        self._unfinished += 1
+
+    def deliver(self, topic: str, message: Any) -> None:
+        """Queue a message for every program that receives its topic."""
+        for task in self._readers.get(topic, ()):
+            queue = task.queues[topic]
+            queue.append(message)
+            if task.waits_for == topic:
+                task.waits_for = None
+                self._ready.append((task, queue))
+
+    def run(self) -> None:
+        """Run until every program waits for a message that is not there, or has ended."""
+        while self._new:
+            task = self._new.pop(0)
+            try:
+                self._settle(task, next(task.program))
+            except StopIteration:
+                self._unfinished -= 1
+        ready = self._ready
+        while ready:
+            task, queue = ready.popleft()
+            try:
+                while queue:
+                    topic = task.program.send(queue.popleft())
+                    queue = task.queues[topic]
+                task.waits_for = topic
+            except StopIteration:
+                self._unfinished -= 1
+
+    def _settle(self, task: _Task, topic: str) -> None:
+        """Let a task wait for a topic, or make it ready when a message is there already."""
+        queue = task.queues[topic]
+        if queue:
+            self._ready.append((task, queue))
+        else:
+            task.waits_for = topic

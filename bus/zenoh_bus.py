@@ -1,0 +1,323 @@
+"""The bus of a run of many processes: a router in the orchestrator, one client a process.
+
+Only this file imports Zenoh. Callbacks only hand over, because Zenoh prints and swallows what is raised in one. Every
+wait has a deadline. Start a run only when `Router.wait_alive` has seen everybody: what is sent before its subscriber
+is there is lost.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import queue
+import secrets
+import shutil
+import threading
+import time
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import zenoh
+
+from bus.access import Grant
+from bus.endpoints import environment, private_directory, with_free_port
+from bus.zenoh_config import CLIENT_RUNTIME, ROUTER_RUNTIME, RUNTIME_VARIABLE, client_config, router_config
+
+_BACKLOG = 4096  # messages that a subscription of the router holds before their senders wait
+_LONGEST_POLL_S = 0.01
+_JOIN_S = 5.0
+
+
+class BusError(RuntimeError):
+    """The bus cannot do what was asked; the message tells the cure."""
+
+
+class BusTimeout(BusError):  # noqa: N818 - the name says what happened
+    """Nothing came before the deadline."""
+
+
+class Router:
+    """The router of a run, held by the orchestrator: it admits known users and enforces their grants.
+
+    What it subscribes to and sends itself is not limited, and it does not hear itself.
+
+    A receiver that stops (SIGSTOP, a debugger) is sent about 1.1 MB more. Then its senders wait inside the router, and
+    in the worst case everybody with them, until it goes on; nothing is lost. Keep what the run's window lets one
+    process fall behind well below that.
+
+    Parameters
+    ----------
+    grants
+        One for every user that may connect; at least one.
+    listen
+        A Zenoh endpoint. By default a Unix socket in a new directory that only this user may enter, removed on
+        `close`. ``tcp/127.0.0.1:0`` takes a free port.
+    stall_s
+        The run's stall deadline in seconds; a stopped process keeps its link for four of them.
+    on_gone
+        Called with the liveliness key of a client that left or died, from another thread: it may only enqueue.
+    """
+
+    def __init__(
+        self,
+        grants: Sequence[Grant],
+        *,
+        listen: str | None = None,
+        stall_s: float = 30.0,
+        on_gone: Callable[[str], None] | None = None,
+    ) -> None:
+        _check_users(grants)
+        self.stall_s = stall_s
+        self._passwords = {grant.user: secrets.token_urlsafe(24) for grant in grants}
+        self._alive: set[str] = set()
+        self._changed = threading.Condition()
+        self._on_gone = on_gone
+        self._feeders: list[threading.Thread] = []
+        self._directory = private_directory()
+        self.endpoint = with_free_port(listen) if listen else f"unixsock-stream/{self._directory}/bus"
+        try:
+            self._session = self._open(grants)
+        except BaseException:
+            shutil.rmtree(self._directory, ignore_errors=True)
+            raise
+        atexit.register(self.close)
+        tokens = self._session.liveliness().declare_subscriber("**", _channel(), history=True)
+        self._feed(tokens, self._note_token)
+
+    def password(self, user: str) -> str:
+        """Return the password drawn for `user` in this run."""
+        return self._passwords[user]
+
+    def subscribe(self, key_expr: str, deliver: Callable[[str, bytes], None]) -> Callable[[], None]:
+        """Call `deliver(key, payload)` for every message, in order, from one thread; return what ends it.
+
+        `deliver` must not raise: its thread would end and the senders would stall. Ending the subscription returns
+        when all that had arrived is delivered.
+        """
+        subscriber = self._session.declare_subscriber(key_expr, _channel())
+        feeder = self._feed(subscriber, lambda sample: deliver(str(sample.key_expr), sample.payload.to_bytes()))
+
+        def end() -> None:
+            subscriber.undeclare()  # type: ignore[no-untyped-call]
+            feeder.join(_JOIN_S)
+
+        return end
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Send one message to the clients; waits while a receiver's queue is full."""
+        self._session.put(
+            key,
+            payload,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+
+    def wait_alive(self, keys: Collection[str], timeout_s: float) -> set[str]:
+        """Wait until the clients have announced themselves with all of `keys`; return the missing ones."""
+        wanted = frozenset(keys)
+        with self._changed:
+            self._changed.wait_for(lambda: wanted <= self._alive, timeout_s)
+            return set(wanted - self._alive)
+
+    def close(self) -> None:
+        """End all links and remove the socket; a second call does nothing."""
+        atexit.unregister(self.close)
+        self._on_gone = None
+        self._session.close()  # type: ignore[no-untyped-call]
+        for feeder in self._feeders:
+            feeder.join(_JOIN_S)
+        shutil.rmtree(self._directory, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _open(self, grants: Sequence[Grant]) -> zenoh.Session:
+        users = Path(self._directory) / "users"
+        lines = [f"{user}:{password}\n" for user, password in self._passwords.items()]
+        with open(os.open(users, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+            file.writelines(lines)
+        try:
+            return _open(router_config(self.endpoint, grants, str(users), self.stall_s), ROUTER_RUNTIME)
+        except zenoh.ZError as error:
+            raise BusError(f"cannot listen on {self.endpoint}: {error}; does another run use it?") from error
+        finally:
+            users.unlink()  # it is read once, at the start: no password stays on the disk
+
+    def _note_token(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        gone = sample.kind == zenoh.SampleKind.DELETE
+        with self._changed:
+            (self._alive.discard if gone else self._alive.add)(key)
+            self._changed.notify_all()
+        on_gone = self._on_gone
+        if gone and on_gone is not None:
+            on_gone(key)
+
+    def _feed(self, subscriber: zenoh.Subscriber[Any], consume: Callable[[zenoh.Sample], Any]) -> threading.Thread:
+        # Zenoh's receiving threads fill its own channel without the interpreter's lock, and a daemon thread empties
+        # it. A Python callback there would hold up everybody's traffic while the orchestrator computes (twice the
+        # CPU, half the steps per second), and the thread that Zenoh itself starts for one is no daemon: a session
+        # left open would keep the interpreter for ever.
+        def run() -> None:
+            for sample in subscriber.handler:
+                consume(sample)
+
+        feeder = threading.Thread(target=run, name="bus", daemon=True)
+        feeder.start()
+        self._feeders.append(feeder)
+        return feeder
+
+
+class Client:
+    """One process's link to the router: sends on the keys it names, receives all in one queue in order of arrival.
+
+    Construction dials once, and raises `BusError` within milliseconds if the router refuses or is not there. A client
+    does not hear itself. If its owner forgets to close it, it is closed at exit: an open session can keep an
+    interpreter for ever. A process that cannot unwind should leave with ``os._exit``.
+
+    Parameters
+    ----------
+    subscribe, publish
+        Key expressions to receive, and keys to send on; `announce` declares them.
+    stall_s
+        The run's stall deadline in seconds.
+    """
+
+    def __init__(
+        self,
+        endpoint: str,
+        user: str,
+        password: str,
+        *,
+        subscribe: Sequence[str] = (),
+        publish: Sequence[str] = (),
+        stall_s: float = 30.0,
+    ) -> None:
+        self.user = user
+        self._subscribe, self._publish = tuple(subscribe), tuple(publish)
+        self._stall_s = stall_s
+        self._inbox: queue.SimpleQueue[zenoh.Sample | None] = queue.SimpleQueue()
+        self._router_gone = False
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._declared: list[object] = []
+        try:
+            self._session = _open(client_config(endpoint, user, password, stall_s), CLIENT_RUNTIME)
+        except zenoh.ZError as error:
+            raise BusError(
+                f"the router at {endpoint} does not admit {user!r}: it is not running, or user and password are "
+                f"not of this run ({error})"
+            ) from error
+        atexit.register(self.close)
+        self._declared.append(self._session.info.declare_transport_events_listener(_direct(self._note_transport)))
+
+    def announce(self, key: str) -> None:
+        """Declare everything, then the liveliness token `key`: who sees it may rely on the subscriptions.
+
+        Raises `BusTimeout` if after a stall deadline nobody subscribes to something that this client sends.
+        """
+        self.declare()
+        self._declared.append(self._session.liveliness().declare_token(key))
+
+    def declare(self) -> None:
+        """Declare subscriptions and publishers, and wait until every publisher knows of a subscriber.
+
+        Without the wait, a client keeps back what it believes that nobody hears.
+        """
+        for key_expr in self._subscribe:
+            subscriber = self._session.declare_subscriber(
+                key_expr, _direct(self._inbox.put), allowed_origin=zenoh.Locality.REMOTE
+            )
+            self._declared.append(subscriber)
+        for key in self._publish:
+            self._publishers[key] = self._session.declare_publisher(
+                key,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                reliability=zenoh.Reliability.RELIABLE,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
+        self._wait_for_subscribers()
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Send one message on a key that was named; waits while the way is full, and never drops.
+
+        A key that the router refuses raises nothing here. Python's signal handlers wait for the end of a wait inside.
+        """
+        if self._router_gone:
+            raise BusError(f"{self.user}: the router is gone, the run is over")
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            raise BusError(f"{self.user} has not declared {key!r}: name it under 'publish', and announce first")
+        publisher.put(payload)
+
+    def receive(self, timeout_s: float) -> tuple[str, bytes]:
+        """Return the next message as (key, payload).
+
+        Raises `BusTimeout` after `timeout_s` seconds. Raises `BusError` within milliseconds of the router's end, once
+        all that had come before is received.
+        """
+        try:
+            sample = self._inbox.get(timeout=timeout_s)
+        except queue.Empty:
+            raise BusTimeout(f"{self.user} received nothing for {timeout_s:g} s") from None
+        if sample is None:
+            self._inbox.put(None)
+            raise BusError(f"{self.user}: the router is gone, the run is over")
+        return str(sample.key_expr), sample.payload.to_bytes()
+
+    def close(self) -> None:
+        """Withdraw the token and end the link; a second call does nothing."""
+        atexit.unregister(self.close)
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _note_transport(self, event: zenoh.TransportEvent) -> None:
+        if event.kind == zenoh.SampleKind.DELETE:
+            self._router_gone = True
+            self._inbox.put(None)
+
+    def _wait_for_subscribers(self) -> None:
+        deadline, pause_s = time.monotonic() + self._stall_s, _LONGEST_POLL_S / 16
+        unheard = self._publishers
+        while unheard := {key: publisher for key, publisher in unheard.items() if not _is_heard(publisher)}:
+            if time.monotonic() > deadline:
+                raise BusTimeout(f"{self.user}: nobody subscribes to {', '.join(unheard)}")
+            time.sleep(pause_s)
+            pause_s = min(2 * pause_s, _LONGEST_POLL_S)
+
+
+def _open(config: str, runtime: str) -> zenoh.Session:
+    with environment(RUNTIME_VARIABLE, runtime):
+        return zenoh.open(zenoh.Config.from_json5(config))
+
+
+def _direct(callback: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Call back in Zenoh's receiving thread: a thread less to wake, and none to end at exit."""
+    return zenoh.handlers.Callback(callback, indirect=False)
+
+
+def _channel() -> zenoh.handlers.FifoChannel[zenoh.Sample]:
+    return zenoh.handlers.FifoChannel(_BACKLOG)
+
+
+def _is_heard(publisher: zenoh.Publisher) -> bool:
+    status: Any = publisher.matching_status  # the stub says bool, but it is an object, and always true
+    return bool(status.matching)
+
+
+def _check_users(grants: Sequence[Grant]) -> None:
+    users = [grant.user for grant in grants]
+    if not users:
+        raise BusError("a router without users would admit everybody: grant something to one user at least")
+    if len(set(users)) < len(users):
+        raise BusError("two grants name the same user: merge them")
+    if unfit := [user for user in users if not user or set(user) & set(":\r\n")]:
+        raise BusError(f"a user's name is not empty and holds no colon and no line end: {unfit!r}")

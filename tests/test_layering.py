@@ -1,0 +1,68 @@
+"""The folders are the data flow: who may import whom, and that only one file knows the bus library."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+MAY_IMPORT = {
+    "bus": set(),
+    "nodes": {"bus"},
+    "channel": {"bus"},
+    "orchestrator": {"bus", "nodes", "channel"},
+}
+ONLY_IN = {
+    "zenoh": {"bus/zenoh_bus.py"},
+    "mcap": {"orchestrator/log"},
+    "pydantic": {"orchestrator/topology", "orchestrator/registry.py"},
+}
+PURE = ["nodes/plants", "nodes/sensors", "nodes/estimators", "channel/impairments", "channel/attacks"]
+SHELL_MODULES = {"os", "sys", "time", "threading", "multiprocessing", "socket", "subprocess", "pathlib", "random"}
+
+
+def imported_modules(path: Path) -> set[str]:
+    modules = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            modules |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: imports are absolute here, so that they can be read anywhere"
+            modules.add(node.module or "")
+    return modules
+
+
+def sources(folder: str) -> list[Path]:
+    found = sorted((ROOT / folder).rglob("*.py"))
+    assert found, f"{folder} has moved: this test must follow"
+    return found
+
+
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_a_package_imports_only_what_lies_below_it(package: str) -> None:
+    forbidden = set(MAY_IMPORT) - MAY_IMPORT[package] - {package}
+    for path in sources(package):
+        tops = {module.partition(".")[0] for module in imported_modules(path)}
+        assert not tops & forbidden, f"{path.relative_to(ROOT)} imports {sorted(tops & forbidden)}"
+
+
+@pytest.mark.parametrize("library", ONLY_IN)
+def test_a_library_with_a_room_of_its_own_is_imported_only_there(library: str) -> None:
+    users = {
+        str(path.relative_to(ROOT))
+        for package in MAY_IMPORT
+        for path in sources(package)
+        if library in {module.partition(".")[0] for module in imported_modules(path)}
+    }
+    assert users, f"nobody imports {library}"
+    strangers = {user for user in users if not any(user.startswith(room) for room in ONLY_IN[library])}
+    assert not strangers
+
+
+@pytest.mark.parametrize("folder", PURE)
+def test_the_mathematics_knows_no_clock_no_files_and_no_processes(folder: str) -> None:
+    for path in sources(folder):
+        tops = {module.partition(".")[0] for module in imported_modules(path)}
+        assert not tops & SHELL_MODULES, f"{path.relative_to(ROOT)} imports {sorted(tops & SHELL_MODULES)}"
