@@ -1,0 +1,1 @@
+"""The network as the adversary: impairments and attacks on links."""

@@ -1,0 +1,1 @@
+"""Attacks: what an adversary on the link does to packets."""

@@ -1,0 +1,1 @@
+"""Impairments: what an indifferent network does to packets."""

@@ -1,0 +1,162 @@
+"""Bursty losses: a link that is in a good or in a bad state.
+
+Sources: Gilbert (1960), Elliott (1963); the failure and recovery rates are named as by Ding et al. (2021), eq. (2): with
+the good state called 1 and the bad one 0, failure is P(1 -> 0) and recovery P(0 -> 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Ge, Interval
+
+from bus.packets import Packet
+from channel.contract import Ledger, Placement
+
+Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
+Clock = Literal["step", "slot", "packet"]
+Initial = Literal["good", "bad", "stationary"]
+LossFrom = Literal["new_state", "old_state"]
+
+_BLOCK = 256
+
+
+@dataclass(frozen=True)
+class GilbertElliottLaw:
+    """The two-state chain: transition and loss probabilities, and its conventions."""
+
+    failure: float
+    recovery: float
+    loss_good: float = 0.0
+    loss_bad: float = 1.0
+    initial: Initial = "good"
+    loss_from: LossFrom = "new_state"
+
+    @property
+    def stationary_bad(self) -> float:
+        """The share of ticks that the chain spends in the bad state; a chain that never moves stays as it began."""
+        total = self.failure + self.recovery
+        return self.failure / total if total > 0.0 else float(self.initial == "bad")
+
+    @property
+    def stationary_loss(self) -> float:
+        """The share of ticks that lose."""
+        return self.stationary_bad * self.loss_bad + (1.0 - self.stationary_bad) * self.loss_good
+
+
+def law_of_bursts(mean_loss: float, mean_burst: float, initial: Initial, loss_from: LossFrom) -> GilbertElliottLaw:
+    """Return the chain that loses in its bad state only, given the share of losses and the mean length of a burst.
+
+    A burst's length is geometric with mean 1 / recovery. Raises ValueError when no such chain exists.
+    """
+    if mean_loss >= 1.0:
+        raise ValueError("mean_loss must be below 1")
+    recovery = 1.0 / mean_burst
+    failure = recovery * mean_loss / (1.0 - mean_loss)
+    if failure > 1.0:
+        least = mean_loss / (1.0 - mean_loss)
+        raise ValueError(f"mean_loss {mean_loss} needs bursts of mean_burst {least:.6g} or more")
+    return GilbertElliottLaw(failure, recovery, initial=initial, loss_from=loss_from)
+
+
+class GilbertElliottChain:
+    """The fates of one chain, a tick an entry, drawn ahead in blocks."""
+
+    def __init__(self, law: GilbertElliottLaw, generator: np.random.Generator) -> None:
+        self._law = law
+        self._generator = generator
+        first = generator.random()
+        self._bad = law.initial == "bad" if law.initial != "stationary" else first < law.stationary_bad
+        self._lost: list[bool] = []
+
+    def lost(self, tick: int) -> bool:
+        """Return whether the given tick loses; ticks may be asked for in any order."""
+        while tick >= len(self._lost):
+            self._extend()
+        return self._lost[tick]
+
+    def _extend(self) -> None:
+        law = self._law
+        moves, losses = self._generator.random((2, _BLOCK)).tolist()
+        bad = self._bad
+        for move, loss in zip(moves, losses, strict=True):
+            moved = move >= law.recovery if bad else move < law.failure
+            deciding = moved if law.loss_from == "new_state" else bad
+            self._lost.append(loss < (law.loss_bad if deciding else law.loss_good))
+            bad = moved
+        self._bad = bad
+
+
+class GilbertElliott:
+    """Loses packets in bursts.
+
+    Parameters
+    ----------
+    failure, recovery
+        P(good -> bad) and P(bad -> good) at a tick of the chain's clock.
+    mean_loss, mean_burst
+        Instead of failure and recovery: the share of lost ticks, and the mean number of consecutive ones.
+    loss_good, loss_bad
+        The loss probability in each state.
+    initial
+        The state before the first tick; ``stationary`` draws it from the stationary law.
+    clock
+        What ticks: every ``step`` (whatever the traffic), every ``slot`` of the link, or every ``packet``. Links that
+        share a stream share one chain, which only a clock of steps can drive.
+    loss_from
+        ``new_state``: the chain moves, then the loss is drawn from the state it moved to. ``old_state``: the loss is
+        drawn first, as netem does; its first tick shows the initial state itself.
+    """
+
+    open_loop: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        placement: Placement,
+        *,
+        failure: Probability | None = None,
+        recovery: Probability | None = None,
+        mean_loss: Probability | None = None,
+        mean_burst: Annotated[float, Ge(1.0)] | None = None,
+        loss_good: Probability = 0.0,
+        loss_bad: Probability = 1.0,
+        initial: Initial = "good",
+        clock: Clock = "step",
+        loss_from: LossFrom = "new_state",
+    ) -> None:
+        if failure is not None and recovery is not None and mean_loss is None and mean_burst is None:
+            law = GilbertElliottLaw(failure, recovery, loss_good, loss_bad, initial, loss_from)
+        elif mean_loss is not None and mean_burst is not None and failure is None and recovery is None:
+            if (loss_good, loss_bad) != (0.0, 1.0):
+                raise ValueError("mean_loss and mean_burst describe a chain with loss_good 0 and loss_bad 1")
+            law = law_of_bursts(mean_loss, mean_burst, initial, loss_from)
+        else:
+            raise ValueError("give 'failure' and 'recovery', or 'mean_loss' and 'mean_burst'")
+        if clock != "step" and len(set(placement.streams.values())) < len(placement.streams):
+            raise ValueError(f"a shared chain needs 'clock: step': a {clock} belongs to one link")
+        self._label = placement.label
+        self._clock = clock
+        chains = {stream: GilbertElliottChain(law, rng) for stream, rng in placement.generators.items()}
+        self._chains = {link: chains[stream] for link, stream in placement.streams.items()}
+        self._ticks = dict.fromkeys(placement.streams, 0)
+
+    def apply(self, link: str, step: int, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
+        """Return the packets that the chain lets through."""
+        chain = self._chains[link]
+        if self._clock == "packet":
+            tick = self._ticks[link]
+            self._ticks[link] += len(packets)
+            fates = [chain.lost(tick + index) for index in range(len(packets))]
+        else:
+            tick = step if self._clock == "step" else self._ticks[link]
+            self._ticks[link] += 1
+            fates = [chain.lost(tick)] * len(packets)
+        if not any(fates):
+            return packets
+        for packet, lost in zip(packets, fates, strict=True):
+            if lost:
+                ledger.lost(self._label, packet)
+        return [packet for packet, lost in zip(packets, fates, strict=True) if not lost]
