@@ -1,4 +1,4 @@
-"""Where a router listens, and the moment at which a process picks its threads: what the bus needs of the system."""
+"""Where a router listens, and the moment at which a process picks its threads."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_LONGEST_PARENT = 107 - len("/gauntlet-12345678/bus.lock")  # bytes; the kernel's limit for a Unix socket's path
+_LONGEST_PARENT = 107 - len("/gauntlet-12345678/bus.lock")  # bytes; a Unix socket's path ends at 107
 
 
 def private_directory() -> str:
-    """Make a directory for a socket that only this user may enter (0700), with a path short enough for one."""
+    """Make a directory that only this user may enter (0700), its path short enough for a socket's."""
     parent = tempfile.gettempdir()
     if len(os.fsencode(parent)) > _LONGEST_PARENT:
         parent = "/tmp"

@@ -18,7 +18,7 @@ def inputs(plan: Plan, name: str) -> tuple[str, ...]:
         return (keys.CREDIT,)
     for own in plan.estimators:
         if own.name == name:
-            measured = (keys.rx(name, keys.CORRECT),) if own.sensors else ()
+            measured = (keys.rx(name, keys.CORRECT),) if own.sensors else (keys.CREDIT,)
             exchanged = (keys.rx(name, keys.EXCHANGE),) if own.rounds and own.neighbours else ()
             return measured + exchanged
     return (keys.truth(plan.plant.name),)

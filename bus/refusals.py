@@ -69,7 +69,8 @@ def _prove_puts(router: Router, client: Client, probe: Probe, timeout_s: float) 
     finally:
         for end in endings:
             end()
-    # One link keeps order: the allowed message is there, so the one before it was refused or has been delivered.
+    # One link keeps order: the allowed message is there, so the one before it was refused or has been
+    # delivered.
     if nonce in forbidden:
         raise BusError(f"{probe.user!r} was not refused to send on {probe.forbidden_put!r}")
 

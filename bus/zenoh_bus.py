@@ -1,8 +1,8 @@
 """The bus of a run of many processes: a router in the orchestrator, one client a process.
 
-Only this file imports Zenoh. Callbacks only hand over, because Zenoh prints and swallows what is raised in one. Every
-wait has a deadline. Start a run only when `Router.wait_alive` has seen everybody: what is sent before its subscriber
-is there is lost.
+Only this file imports Zenoh. Callbacks only hand over, because Zenoh prints and swallows what is raised in
+one. Every wait has a deadline. Start a run only when `Router.wait_alive` has seen everybody: what is sent
+before its subscriber is there is lost.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Collection, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
@@ -42,21 +43,22 @@ class Router:
 
     What it subscribes to and sends itself is not limited, and it does not hear itself.
 
-    A receiver that stops (SIGSTOP, a debugger) is sent about 1.1 MB more. Then its senders wait inside the router, and
-    in the worst case everybody with them, until it goes on; nothing is lost. Keep what the run's window lets one
-    process fall behind well below that.
+    A receiver that stops (SIGSTOP, a debugger) is sent about 1.1 MB more. Then its senders wait inside the
+    router, and in the worst case everybody with them, until it goes on; nothing is lost. Keep what the run's
+    window lets one process fall behind well below that.
 
     Parameters
     ----------
     grants
         One for every user that may connect; at least one.
     listen
-        A Zenoh endpoint. By default a Unix socket in a new directory that only this user may enter, removed on
-        `close`. ``tcp/127.0.0.1:0`` takes a free port.
+        A Zenoh endpoint. By default a Unix socket in a new directory that only this user may enter, removed
+        on `close`. ``tcp/127.0.0.1:0`` takes a free port.
     stall_s
         The run's stall deadline in seconds; a stopped process keeps its link for four of them.
     on_gone
-        Called with the liveliness key of a client that left or died, from another thread: it may only enqueue.
+        Called with the liveliness key of a client that left or died, from another thread: it may only
+        enqueue.
     """
 
     def __init__(
@@ -74,13 +76,8 @@ class Router:
         self._changed = threading.Condition()
         self._on_gone = on_gone
         self._feeders: list[threading.Thread] = []
-        self._directory = private_directory()
-        self.endpoint = with_free_port(listen) if listen else f"unixsock-stream/{self._directory}/bus"
-        try:
-            self._session = self._open(grants)
-        except BaseException:
-            shutil.rmtree(self._directory, ignore_errors=True)
-            raise
+        self._leftovers = ExitStack()
+        self._session = self._open(grants, listen)
         atexit.register(self.close)
         tokens = self._session.liveliness().declare_subscriber("**", _channel(), history=True)
         self._feed(tokens, self._note_token)
@@ -92,11 +89,13 @@ class Router:
     def subscribe(self, key_expr: str, deliver: Callable[[str, bytes], None]) -> Callable[[], None]:
         """Call `deliver(key, payload)` for every message, in order, from one thread; return what ends it.
 
-        `deliver` must not raise: its thread would end and the senders would stall. Ending the subscription returns
-        when all that had arrived is delivered.
+        `deliver` must not raise: its thread would end and the senders would stall. Ending the subscription
+        returns when all that had arrived is delivered.
         """
         subscriber = self._session.declare_subscriber(key_expr, _channel())
-        feeder = self._feed(subscriber, lambda sample: deliver(str(sample.key_expr), sample.payload.to_bytes()))
+        feeder = self._feed(
+            subscriber, lambda sample: deliver(str(sample.key_expr), sample.payload.to_bytes())
+        )
 
         def end() -> None:
             subscriber.undeclare()  # type: ignore[no-untyped-call]
@@ -127,7 +126,7 @@ class Router:
         self._session.close()  # type: ignore[no-untyped-call]
         for feeder in self._feeders:
             feeder.join(_JOIN_S)
-        shutil.rmtree(self._directory, ignore_errors=True)
+        self._leftovers.close()
 
     def __enter__(self) -> Self:
         return self
@@ -135,17 +134,24 @@ class Router:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _open(self, grants: Sequence[Grant]) -> zenoh.Session:
-        users = Path(self._directory) / "users"
-        lines = [f"{user}:{password}\n" for user, password in self._passwords.items()]
-        with open(os.open(users, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
-            file.writelines(lines)
-        try:
-            return _open(router_config(self.endpoint, grants, str(users), self.stall_s), ROUTER_RUNTIME)
-        except zenoh.ZError as error:
-            raise BusError(f"cannot listen on {self.endpoint}: {error}; does another run use it?") from error
-        finally:
+    def _open(self, grants: Sequence[Grant], listen: str | None) -> zenoh.Session:
+        with ExitStack() as leftovers:
+            directory = private_directory()
+            leftovers.callback(shutil.rmtree, directory, ignore_errors=True)
+            self.endpoint = with_free_port(listen) if listen else f"unixsock-stream/{directory}/bus"
+            users = Path(directory) / "users"
+            lines = [f"{user}:{password}\n" for user, password in self._passwords.items()]
+            with open(os.open(users, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+                file.writelines(lines)
+            config = router_config(self.endpoint, grants, str(users), self.stall_s)
+            try:
+                session = _open(config, ROUTER_RUNTIME)
+            except zenoh.ZError as error:
+                raise BusError(f"cannot listen on {self.endpoint}: does another run use it?") from error
             users.unlink()  # it is read once, at the start: no password stays on the disk
+            if listen is None:
+                self._leftovers = leftovers.pop_all()
+        return session
 
     def _note_token(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
@@ -157,11 +163,13 @@ class Router:
         if gone and on_gone is not None:
             on_gone(key)
 
-    def _feed(self, subscriber: zenoh.Subscriber[Any], consume: Callable[[zenoh.Sample], Any]) -> threading.Thread:
-        # Zenoh's receiving threads fill its own channel without the interpreter's lock, and a daemon thread empties
-        # it. A Python callback there would hold up everybody's traffic while the orchestrator computes (twice the
-        # CPU, half the steps per second), and the thread that Zenoh itself starts for one is no daemon: a session
-        # left open would keep the interpreter for ever.
+    def _feed(
+        self, subscriber: zenoh.Subscriber[Any], consume: Callable[[zenoh.Sample], Any]
+    ) -> threading.Thread:
+        # Zenoh's receiving threads fill its own channel without the interpreter's lock, and a daemon thread
+        # empties it. A callback in them would hold up everybody's traffic while the orchestrator computes: it
+        # took twice the CPU and halved the steps per second. The thread that Zenoh would start for one is no
+        # daemon: a session left open would keep the interpreter for ever.
         def run() -> None:
             for sample in subscriber.handler:
                 consume(sample)
@@ -173,11 +181,11 @@ class Router:
 
 
 class Client:
-    """One process's link to the router: sends on the keys it names, receives all in one queue in order of arrival.
+    """One process's link to the router: sends on the keys it names, and receives all in one queue, in order.
 
-    Construction dials once, and raises `BusError` within milliseconds if the router refuses or is not there. A client
-    does not hear itself. If its owner forgets to close it, it is closed at exit: an open session can keep an
-    interpreter for ever. A process that cannot unwind should leave with ``os._exit``.
+    Construction dials once, and raises `BusError` within milliseconds if the router refuses or is not there.
+    A client does not hear itself. If its owner forgets to close it, it is closed at exit: an open session can
+    keep an interpreter for ever. A process that cannot unwind should leave with ``os._exit``.
 
     Parameters
     ----------
@@ -208,11 +216,12 @@ class Client:
             self._session = _open(client_config(endpoint, user, password, stall_s), CLIENT_RUNTIME)
         except zenoh.ZError as error:
             raise BusError(
-                f"the router at {endpoint} does not admit {user!r}: it is not running, or user and password are "
-                f"not of this run ({error})"
+                f"the router at {endpoint} does not admit {user!r}: it is not running, or user and password "
+                "are not of this run"
             ) from error
         atexit.register(self.close)
-        self._declared.append(self._session.info.declare_transport_events_listener(_direct(self._note_transport)))
+        links = self._session.info.declare_transport_events_listener(_direct(self._note_transport))
+        self._declared.append(links)
 
     def announce(self, key: str) -> None:
         """Declare everything, then the liveliness token `key`: who sees it may rely on the subscriptions.
@@ -244,20 +253,21 @@ class Client:
     def put(self, key: str, payload: bytes) -> None:
         """Send one message on a key that was named; waits while the way is full, and never drops.
 
-        A key that the router refuses raises nothing here. Python's signal handlers wait for the end of a wait inside.
+        A key that the router refuses raises nothing here. Python's signal handlers wait for the end of a wait
+        inside.
         """
         if self._router_gone:
             raise BusError(f"{self.user}: the router is gone, the run is over")
         publisher = self._publishers.get(key)
         if publisher is None:
-            raise BusError(f"{self.user} has not declared {key!r}: name it under 'publish', and announce first")
+            raise BusError(f"{self.user} has not declared {key!r}: name it in 'publish' and announce first")
         publisher.put(payload)
 
     def receive(self, timeout_s: float) -> tuple[str, bytes]:
         """Return the next message as (key, payload).
 
-        Raises `BusTimeout` after `timeout_s` seconds. Raises `BusError` within milliseconds of the router's end, once
-        all that had come before is received.
+        Raises `BusTimeout` after `timeout_s` seconds. Raises `BusError` within milliseconds of the router's
+        end, once all that had come before is received.
         """
         try:
             sample = self._inbox.get(timeout=timeout_s)

@@ -1,0 +1,206 @@
+"""Hands a log over to other tools: CSV tables, JSON lines, or NumPy arrays."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import msgspec
+import numpy as np
+
+from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
+from orchestrator.log.errors import LogError
+from orchestrator.log.reader import Log, read_log
+
+Format = Literal["csv", "jsonl", "npz"]
+Row = Sequence[Any]
+
+_SCALARS = frozenset({"step", "t", "nis", "refers_to"})
+
+
+def _node(topic: str) -> str:
+    return topic.split("/")[1]
+
+
+def _values(message: Transmission | Inbox) -> list[str]:
+    """Return the values of each packet of a slot, as text with blanks between."""
+    bounds = pairwise([*message.offset, len(message.values)])
+    return [" ".join(map(repr, message.values[begin:end])) for begin, end in bounds]
+
+
+def _packet_rows(topic: str, message: Transmission | Inbox) -> Iterator[Row]:
+    """Yield a row a packet: as it was sent (tx), or as it was received (rx)."""
+    direction, node, stream = topic.split("/")
+    begin = (message.step, message.t, direction, node, message.round)
+    values = _values(message)
+    if isinstance(message, Transmission):
+        for sequence, text in zip(message.sequence, values, strict=True):
+            yield (*begin, stream, node, message.step, sequence, text)
+    else:
+        packets = zip(message.kind, message.source, message.sent_step, message.sequence, values, strict=True)
+        for packet in packets:
+            yield (*begin, *packet)
+
+
+def _account_rows(topic: str, message: ChannelEvents) -> Iterator[Row]:
+    begin = (message.step, message.t, _node(topic), message.round)
+    accounts = zip(message.link, message.sent, message.lost, message.attacked, message.delivered, strict=True)
+    for account in accounts:
+        yield (*begin, *account)
+
+
+def _event_rows(topic: str, message: ChannelEvents) -> Iterator[Row]:
+    begin = (message.step, message.t, _node(topic), message.round)
+    events = zip(
+        message.event_link,
+        message.event_stage,
+        message.event_sequence,
+        message.event_action,
+        message.event_magnitude,
+        strict=True,
+    )
+    for event in events:
+        yield (*begin, *event)
+
+
+def _detection_rows(topic: str, message: Estimate) -> Iterator[Row]:
+    detections = zip(
+        message.detector_source,
+        message.detector_sequence,
+        message.detector_statistic,
+        message.detector_alarm,
+        strict=True,
+    )
+    for detection in detections:
+        yield (message.step, message.t, _node(topic), *detection)
+
+
+def _pad(values: Sequence[float], width: int) -> list[Any]:
+    return [*values, *[""] * (width - len(values))]
+
+
+def _numbered(name: str, width: int) -> list[str]:
+    return [f"{name}{index}" for index in range(width)]
+
+
+class _Tables:
+    """The CSV files of a log, open: one row after another goes to the table that it belongs to."""
+
+    def __init__(self, out: Path, width: dict[type[Message], int], files: ExitStack) -> None:
+        self.paths: list[Path] = []
+        self._out = out
+        self._files = files
+        self._width = width[Estimate]
+        columns = [*_numbered("x", self._width), *_numbered("sigma", self._width)]
+        self._truth = self._open("truth", "step t", _numbered("x", width[Truth]))
+        self._estimates = self._open("estimates", "step t node refers_to diverged nis nis_dof", columns)
+        self._detections = self._open("detections", "step t node source sequence statistic alarm")
+        self._packets = self._open(
+            "packets", "step t direction node round stream source sent_step sequence values"
+        )
+        self._links = self._open("links", "step t phase round link sent lost attacked delivered")
+        self._events = self._open("events", "step t phase round link stage sequence action magnitude")
+
+    def _open(self, name: str, columns: str, more: Sequence[str] = ()) -> Callable[[Row], Any]:
+        path = self._out / f"{name}.csv"
+        self.paths.append(path)
+        write = csv.writer(self._files.enter_context(path.open("x", newline=""))).writerow
+        write([*columns.split(), *more])
+        return write
+
+    def add(self, topic: str, message: Message) -> None:
+        """Write a message's rows."""
+        if isinstance(message, Truth):
+            self._truth([message.step, message.t, *message.state])
+        elif isinstance(message, Transmission | Inbox):
+            for row in _packet_rows(topic, message):
+                self._packets(row)
+        elif isinstance(message, ChannelEvents):
+            for row in _account_rows(topic, message):
+                self._links(row)
+            for row in _event_rows(topic, message):
+                self._events(row)
+        elif isinstance(message, Estimate):
+            head = [message.step, message.t, _node(topic), message.refers_to, message.diverged]
+            state = [*_pad(message.state, self._width), *_pad(message.sigma, self._width)]
+            self._estimates([*head, message.nis, message.nis_dof, *state])
+            for row in _detection_rows(topic, message):
+                self._detections(row)
+
+
+def _to_csv(log: Log, out: Path) -> list[Path]:
+    width: dict[type[Message], int] = {Truth: 0, Estimate: 0}
+    for _, message in log.records():
+        if isinstance(message, Truth | Estimate):
+            width[type(message)] = max(width[type(message)], len(message.state))
+    with ExitStack() as files:
+        tables = _Tables(out, width, files)
+        for topic, message in log.records():
+            tables.add(topic, message)
+    return tables.paths
+
+
+def _to_jsonl(log: Log, out: Path) -> list[Path]:
+    path = out / "messages.jsonl"
+    with path.open("xb") as stream:
+        for topic, _, payload in log.payloads():
+            stream.write(msgspec.json.encode({"topic": topic, "message": msgspec.Raw(payload)}) + b"\n")
+    return [path]
+
+
+def _stack(rows: Sequence[Sequence[float]]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """Return rows as an array; those that are shorter, as of a diverged estimator, are filled with NaN."""
+    width = max(map(len, rows), default=0)
+    return np.array([[*row, *[np.nan] * (width - len(row))] for row in rows]).reshape(len(rows), width)
+
+
+def _to_npz(log: Log, out: Path) -> list[Path]:
+    columns: dict[str, list[Sequence[float]]] = {}
+
+    def add(name: str, row: Sequence[float]) -> None:
+        columns.setdefault(name, []).append(row)
+
+    for topic, message in log.records():
+        if isinstance(message, Truth):
+            add("step", [message.step])
+            add("t", [message.t])
+            add("truth", message.state)
+        elif isinstance(message, Estimate):
+            node = _node(topic)
+            add(f"estimate/{node}", message.state)
+            add(f"sigma/{node}", message.sigma)
+            add(f"nis/{node}", [message.nis])
+            add(f"refers_to/{node}", [message.refers_to])
+    path = out / "log.npz"
+    arrays: dict[str, Any] = {name: _stack(rows) for name, rows in columns.items()}
+    arrays |= {name: array.ravel() for name, array in arrays.items() if name.split("/")[0] in _SCALARS}
+    with path.open("xb") as stream:
+        np.savez_compressed(stream, **arrays)
+    return [path]
+
+
+_WRITERS: dict[str, Callable[[Log, Path], list[Path]]] = {"csv": _to_csv, "jsonl": _to_jsonl, "npz": _to_npz}
+
+
+def export(path: Path, form: Format, out: Path) -> list[Path]:
+    """Write a log's content into files of a folder and return them; existing files are not overwritten.
+
+    ``csv``: a table a kind (truth, estimates, detections, packets, links, events). ``jsonl``: one line a
+    message, in ``messages.jsonl``. ``npz``: ``log.npz`` with ``step``, ``t`` (K,), ``truth`` (K, n), and by
+    estimator ``estimate/e1``, ``sigma/e1`` (K, n), ``nis/e1``, ``refers_to/e1`` (K,); a row a step, NaN if
+    diverged.
+    """
+    if form not in _WRITERS:
+        raise LogError(f"there is no format {form!r}; take one of {', '.join(get_args(Format))}")
+    log = read_log(path)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        return _WRITERS[form](log, out)
+    except FileExistsError as error:
+        raise LogError(f"{error.filename} exists already; export to another folder") from error
+    except OSError as error:
+        raise LogError(f"{out} cannot be written: {error.strerror}; export to another folder") from error
