@@ -1,0 +1,7 @@
+"""The base of all errors that are the user's to mend."""
+
+from __future__ import annotations
+
+
+class InputError(ValueError):
+    """What was given cannot be used; the text names the place and the cure. The command line ends with exit code 2."""

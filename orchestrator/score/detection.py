@@ -1,0 +1,196 @@
+"""Detectors against the channel's truth: who was attacked, who was accused, and when.
+
+A packet is known by (link, sequence). A delivered packet is *attacked* when the channel attacked that packet
+no later than the step of its delivery, and *rejected* when the first verdict on it at or after its delivery
+is an alarm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bus.plan import Plan
+from orchestrator.score.gather import Bools, Gathered, Ints, Packets
+from orchestrator.score.results import AttackWindow, Confusion, Lockout
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Deliveries, sorted by (link, step, sequence), with their fates; and what else detection needs.
+
+    ``judged`` (L,) marks links on which some verdict was given. ``hits`` are attacked deliveries by stage,
+    ``hit_alarm`` whether each was rejected; ``alarms`` are the alarms, each at the step in which it was
+    raised.
+    """
+
+    link: Ints
+    step: Ints
+    attacked: Bools
+    alarm: Bools
+    judged: Bools
+    hits: Packets
+    hit_alarm: Bools
+    alarms: Packets
+    unmatched_verdicts: int
+
+
+def confusion(attacked: Bools, alarm: Bools) -> Confusion:
+    """Return the confusion of some deliveries, given which were attacked and which rejected."""
+    return Confusion.of(
+        true_positive=int(np.sum(attacked & alarm)),
+        false_positive=int(np.sum(~attacked & alarm)),
+        false_negative=int(np.sum(attacked & ~alarm)),
+        true_negative=int(np.sum(~attacked & ~alarm)),
+    )
+
+
+def _codes(gathered: Gathered, steps: int) -> tuple[Ints, Ints, Ints]:
+    """Return codes of the deliveries, verdicts and events: code // steps is the packet, the rest its step."""
+    tables = (gathered.deliveries, gathered.verdicts, gathered.events)
+    _, dense = np.unique(np.concatenate([table.sequence for table in tables]), return_inverse=True)
+    packet = np.concatenate([table.link for table in tables]) * max(dense.size, 1) + dense
+    code = packet * steps + np.concatenate([table.step for table in tables])
+    ends = np.cumsum([table.link.size for table in tables])
+    return code[: ends[0]], code[ends[0] : ends[1]], code[ends[1] :]
+
+
+def _before(codes: Ints, sorted_codes: Ints, steps: int) -> Bools:
+    """Return whether the sorted codes hold the same packet at the same or an earlier step."""
+    at = np.searchsorted(sorted_codes, codes, side="right") - 1
+    found = np.append(sorted_codes, -steps)[at]
+    same: Bools = found // steps == codes // steps
+    return same & (at >= 0)
+
+
+def _after(codes: Ints, sorted_codes: Ints, steps: int) -> tuple[Bools, Ints]:
+    """Return whether the sorted codes hold the same packet at the same or a later step, and where first."""
+    at = np.searchsorted(sorted_codes, codes, side="left")
+    found = np.append(sorted_codes, -steps)[at]
+    return found // steps == codes // steps, at
+
+
+def _rows(packets: Packets, chosen: Bools) -> Packets:
+    return Packets(
+        packets.link[chosen],
+        packets.step[chosen],
+        packets.sequence[chosen],
+        packets.mark[chosen],
+        packets.stage[chosen],
+    )
+
+
+def judge(plan: Plan, gathered: Gathered) -> Judgement:
+    """Match verdicts and channel events with the packets that were delivered."""
+    steps = plan.steps
+    deliveries, verdicts, events = gathered.deliveries, gathered.verdicts, gathered.events
+    delivery_code, verdict_code, event_code = _codes(gathered, steps)
+    order = np.lexsort((~verdicts.mark, verdict_code))
+    judged_in_time, at = _after(delivery_code, verdict_code[order], steps)
+    alarm = judged_in_time & np.append(verdicts.mark[order], False)[at]
+    attack = events.mark
+    attacked = _before(delivery_code, np.sort(event_code[attack]), steps)
+    by_code = np.argsort(delivery_code, kind="stable")
+    reached, at = _after(event_code[attack], delivery_code[by_code], steps)
+    attacks = _rows(events, attack)
+    landed = by_code[at[reached]]
+    hits = replace(_rows(attacks, reached), step=deliveries.step[landed])
+    judged = np.zeros(len(plan.links), dtype=bool)
+    judged[verdicts.link[verdicts.link >= 0]] = True
+    matched = (verdicts.link >= 0) & _before(verdict_code, delivery_code[by_code], steps)
+    order = np.lexsort((deliveries.sequence, deliveries.step, deliveries.link))
+    return Judgement(
+        link=deliveries.link[order],
+        step=deliveries.step[order],
+        attacked=attacked[order],
+        alarm=alarm[order],
+        judged=judged,
+        hits=hits,
+        hit_alarm=alarm[landed],
+        alarms=_rows(verdicts, verdicts.mark),
+        unmatched_verdicts=int(np.sum(~matched)),
+    )
+
+
+def link_confusions(judgement: Judgement) -> list[Confusion | None]:
+    """Return the confusion of each link of the plan; None where no verdict was given."""
+    bounds = np.searchsorted(judgement.link, np.arange(judgement.judged.size + 1))
+    return [
+        confusion(judgement.attacked[begin:end], judgement.alarm[begin:end]) if judged else None
+        for judged, begin, end in zip(judgement.judged, bounds[:-1], bounds[1:], strict=True)
+    ]
+
+
+def total_confusion(judgement: Judgement) -> Confusion | None:
+    """Return the confusion over all the links on which some verdict was given; None when there is none."""
+    if not judgement.judged.any():
+        return None
+    rows = judgement.judged[judgement.link]
+    return confusion(judgement.attacked[rows], judgement.alarm[rows])
+
+
+def _release(judgement: Judgement, link: int, last: int) -> int | None:
+    """Return the steps from the first genuine packet after ``last`` to the first that was accepted."""
+    genuine = (judgement.link == link) & (judgement.step > last) & ~judgement.attacked
+    accepted = genuine & ~judgement.alarm
+    if not accepted.any():
+        return None
+    return int(judgement.step[np.argmax(accepted)] - judgement.step[np.argmax(genuine)])
+
+
+def attack_windows(plan: Plan, judgement: Judgement, grace: int) -> list[AttackWindow]:
+    """Return what happened in the window of each stage that attacked a delivered packet, by link and stage.
+
+    An alarm detects a window when it is raised on that link from the window's first step to ``grace`` steps
+    after its last.
+    """
+    hits, alarms = judgement.hits, judgement.alarms
+    windows = []
+    for link, stage in sorted(set(zip(hits.link.tolist(), hits.stage.tolist(), strict=True))):
+        rows = (hits.link == link) & (hits.stage == stage)
+        steps = hits.step[rows]
+        first, last = int(steps.min()), int(steps.max())
+        raised = alarms.step[alarms.link == link]
+        raised = raised[(raised >= first) & (raised <= last + grace)]
+        judged = bool(judgement.judged[link])
+        windows.append(
+            AttackWindow(
+                link=plan.links[link].name,
+                stage=plan.stages[stage].label if stage >= 0 else "unknown",
+                judged=judged,
+                first=first,
+                last=last,
+                packets=int(steps.size),
+                rejected=int(judgement.hit_alarm[rows].sum()),
+                delay=int(raised.min()) - first if raised.size else None,
+                censored=not raised.size and last + grace >= plan.steps - 1,
+                release=_release(judgement, link, last) if judged else None,
+            )
+        )
+    return windows
+
+
+def find_lockouts(plan: Plan, judgement: Judgement, length: int) -> list[Lockout]:
+    """Return the judged links whose last ``length`` or more genuine packets were all rejected."""
+    genuine = ~judgement.attacked
+    link, step, alarm = judgement.link[genuine], judgement.step[genuine], judgement.alarm[genuine]
+    bounds = np.searchsorted(link, np.arange(judgement.judged.size + 1))
+    lockouts = []
+    for index in np.flatnonzero(judgement.judged):
+        begin, end = bounds[index], bounds[index + 1]
+        accepted = np.flatnonzero(~alarm[begin:end])
+        run = int(end - begin - (accepted[-1] + 1 if accepted.size else 0))
+        if run >= length:
+            name, node = plan.links[index].name, plan.links[index].destination
+            lockouts.append(Lockout(node=node, link=name, first_step=int(step[end - run]), packets=run))
+    return lockouts
+
+
+def attacked_steps(plan: Plan, judgement: Judgement) -> Bools:
+    """Return (N, K): whether an attacked packet reached each estimator in each step."""
+    index = {estimator.name: i for i, estimator in enumerate(plan.estimators)}
+    receiver = np.array([index.get(link.destination, len(index)) for link in plan.links], dtype=np.int64)
+    marks = np.zeros((len(index) + 1, plan.steps), dtype=bool)
+    marks[receiver[judgement.link[judgement.attacked]], judgement.step[judgement.attacked]] = True
+    return marks[:-1]

@@ -1,0 +1,239 @@
+"""One pass over a record: from messages to arrays."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.messages import ChannelEvents, Estimate, Inbox, Message, Truth
+from bus.plan import Plan
+from orchestrator.errors import InputError
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class ScoreError(InputError):
+    """The record does not fit its plan; the message says where."""
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Estimates by (estimator, step of publication), N x K, in the plan's order; NaN where unknown.
+
+    ``error`` (N, K, n) is the estimate less the truth of the step that it refers to. ``covariance`` is (N, K,
+    n, n).
+    """
+
+    present: Bools
+    declared_diverged: Bools
+    error: Floats
+    covariance: Floats
+    nis: Floats
+    nis_dof: Ints
+
+
+@dataclass(frozen=True)
+class Packets:
+    """Rows that concern one packet each: ``link`` (its index in the plan, -1: none), ``step``, ``sequence``.
+
+    ``mark`` is True for a verdict that raised the alarm and for an event that attacked (False: lost);
+    ``stage`` is the index of the stage that acted (-1: not one of the plan).
+    """
+
+    link: Ints
+    step: Ints
+    sequence: Ints
+    mark: Bools
+    stage: Ints
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """A record as arrays. ``counts`` (4, L) are packets sent, lost, attacked, delivered by link."""
+
+    truth_present: Bools
+    estimates: Estimates
+    deliveries: Packets
+    verdicts: Packets
+    events: Packets
+    counts: Ints
+
+
+class _Index(dict[str, int]):
+    """Indices by name; -1 for an unknown name."""
+
+    def __missing__(self, name: str) -> int:
+        return -1
+
+
+class _Rows:
+    """Columns of `Packets` in the making."""
+
+    def __init__(self) -> None:
+        self.link, self.step, self.sequence, self.mark, self.stage = (array("q") for _ in range(5))
+
+    def packets(self) -> Packets:
+        """Return the rows as arrays; columns that were never filled are False or -1."""
+        link, step, sequence = (_integers(column) for column in (self.link, self.step, self.sequence))
+        mark = _integers(self.mark).astype(bool) if self.mark else np.zeros(link.size, dtype=bool)
+        stage = _integers(self.stage) if self.stage else np.full(link.size, -1)
+        return Packets(link, step, sequence, mark, stage)
+
+
+def _integers(column: array[int]) -> Ints:
+    return np.array(column, dtype=np.int64)
+
+
+def _node(topic: str) -> str:
+    return topic.split("/", 2)[1]
+
+
+class _Gatherer:
+    """Takes the messages of a record one by one, in any order."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self.estimators = _Index({estimator.name: i for i, estimator in enumerate(plan.estimators)})
+        self.links = _Index({link.name: i for i, link in enumerate(plan.links)})
+        self.stages = _Index({stage.label: i for i, stage in enumerate(plan.stages)})
+        self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
+        for i, link in enumerate(plan.links):
+            self.incoming[link.destination][link.source] = i
+        self.truth: dict[int, list[float]] = {}
+        self.estimates = array("q")  # seven numbers an estimate, see `take_estimate`
+        self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
+        self.deliveries, self.verdicts, self.events = _Rows(), _Rows(), _Rows()
+        self.counted_link = array("q")
+        self.counted = tuple(array("q") for _ in range(4))
+
+    def take_truth(self, topic: str, message: Truth) -> None:
+        self.truth[message.step] = message.state
+
+    def take_estimate(self, topic: str, message: Estimate) -> None:
+        name, step = _node(topic), message.step
+        sizes = len(message.state), len(message.covariance)
+        node = self.estimators[name]
+        self.estimates.extend((node, step, message.refers_to, message.diverged, message.nis_dof, *sizes))
+        self.nis.append(message.nis)
+        self.state.extend(message.state)
+        self.covariance.extend(message.covariance)
+        if message.detector_source:
+            incoming, rows = self.incoming[name], self.verdicts
+            rows.link.extend(map(incoming.__getitem__, message.detector_source))
+            rows.step.extend([step] * len(message.detector_source))
+            rows.sequence.extend(message.detector_sequence)
+            rows.mark.extend(message.detector_alarm)
+
+    def take_inbox(self, topic: str, message: Inbox) -> None:
+        if message.source:
+            incoming, rows = self.incoming[_node(topic)], self.deliveries
+            rows.link.extend(map(incoming.__getitem__, message.source))
+            rows.step.extend([message.step] * len(message.source))
+            rows.sequence.extend(message.sequence)
+
+    def take_events(self, topic: str, message: ChannelEvents) -> None:
+        self.counted_link.extend(map(self.links.__getitem__, message.link))
+        columns = (message.sent, message.lost, message.attacked, message.delivered)
+        for total, column in zip(self.counted, columns, strict=True):
+            total.extend(column)
+        rows = self.events
+        rows.link.extend(map(self.links.__getitem__, message.event_link))
+        rows.step.extend([message.step] * len(message.event_link))
+        rows.sequence.extend(message.event_sequence)
+        rows.mark.extend(action == "attacked" for action in message.event_action)
+        rows.stage.extend(map(self.stages.__getitem__, message.event_stage))
+
+    def finish(self) -> Gathered:
+        truth = self._truth()
+        return Gathered(
+            truth_present=np.asarray(np.isfinite(truth).all(axis=1)),
+            estimates=self._estimates(truth),
+            deliveries=self.deliveries.packets(),
+            verdicts=self.verdicts.packets(),
+            events=self.events.packets(),
+            counts=self._counts(),
+        )
+
+    def _truth(self) -> Floats:
+        sizes = {len(state) for state in self.truth.values()} or {0}
+        if len(sizes) > 1 or any(not 0 <= step < self.plan.steps for step in self.truth):
+            raise ScoreError(
+                f"the truth does not fit {self.plan.steps} steps of one dimension: {sorted(sizes)}"
+            )
+        truth = np.full((self.plan.steps, sizes.pop()), np.nan)
+        for step, state in self.truth.items():
+            truth[step] = state
+        return truth
+
+    def _check(self, node: Ints, step: Ints, size: Ints, covariance_size: Ints, n: int) -> None:
+        names = (*(estimator.name for estimator in self.plan.estimators), "an unknown estimator")
+        faults = {
+            "stands outside the plan": (node < 0) | (step < 0) | (step >= self.plan.steps),
+            f"has a state of another size than the plant's {n}": (size != 0) & (size != n),
+            f"has a covariance that is not {n} x {n}": (covariance_size != 0) & (covariance_size != n * n),
+        }
+        place = node * self.plan.steps + step
+        first = np.zeros(place.size, dtype=bool)
+        first[np.unique(place, return_index=True)[1]] = True
+        faults["stands in the record twice"] = ~first
+        for fault, where in faults.items():
+            if where.any():
+                at = int(np.argmax(where))
+                raise ScoreError(f"the estimate of {names[node[at]]} at step {step[at]} {fault}")
+
+    def _estimates(self, truth: Floats) -> Estimates:
+        columns = _integers(self.estimates).reshape(-1, 7).T
+        node, step, refers_to, diverged, dof, size, covariance_size = columns
+        (K, n), N = truth.shape, len(self.plan.estimators)
+        self._check(node, step, size, covariance_size, n)
+        present, declared = np.zeros((N, K), dtype=bool), np.zeros((N, K), dtype=bool)
+        present[node, step] = True
+        declared[node, step] = diverged.astype(bool)
+        nis, nis_dof = np.full((N, K), np.nan), np.zeros((N, K), dtype=np.int64)
+        nis[node, step], nis_dof[node, step] = np.array(self.nis), dof
+        error, covariance = np.full((N, K, n), np.nan), np.full((N, K, n, n), np.nan)
+        has = size > 0
+        known = (refers_to >= 0) & (refers_to < K)
+        reference = np.where(known[:, None], truth[np.where(known, refers_to, 0)], np.nan)
+        error[node[has], step[has]] = np.array(self.state).reshape(has.sum(), n) - reference[has]
+        has = covariance_size > 0
+        covariance[node[has], step[has]] = np.array(self.covariance).reshape(has.sum(), n, n)
+        return Estimates(present, declared, error, covariance, nis, nis_dof)
+
+    def _counts(self) -> Ints:
+        link = _integers(self.counted_link)
+        if any(min(column, default=0) < 0 for column in (link, self.events.link, self.deliveries.link)):
+            raise ScoreError("the record holds packets of a link that the plan does not have")
+        for column in (self.deliveries.step, self.events.step):
+            if column and not (min(column) >= 0 and max(column) < self.plan.steps):
+                raise ScoreError(f"the record holds packets of a step outside the plan's {self.plan.steps}")
+        counts = np.zeros((4, len(self.plan.links)), dtype=np.int64)
+        for row, column in zip(counts, self.counted, strict=True):
+            np.add.at(row, link, _integers(column))
+        return counts
+
+
+def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:
+    """Read a record once, whatever the order of the messages inside a step.
+
+    Raises `ScoreError` when a message cannot belong to the plan.
+    """
+    gatherer = _Gatherer(plan)
+    takers: dict[type[Message], Callable[[str, Any], None]] = {
+        Truth: gatherer.take_truth,
+        Estimate: gatherer.take_estimate,
+        Inbox: gatherer.take_inbox,
+        ChannelEvents: gatherer.take_events,
+    }
+    for topic, message in records:
+        take = takers.get(type(message))
+        if take is not None:
+            take(topic, message)
+    return gatherer.finish()

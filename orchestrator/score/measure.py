@@ -1,0 +1,168 @@
+"""The value of any metric of the catalogue, read from a score."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from orchestrator.score.catalogue import Metric
+from orchestrator.score.results import (
+    AttackWindow,
+    Confusion,
+    Consistency,
+    LinkScore,
+    NodeScore,
+    Score,
+    Traffic,
+)
+
+Value = tuple[str, float]
+"""What a value belongs to, and the value: NaN where undefined, infinite where unbounded."""
+
+
+@dataclass(frozen=True)
+class LinkSet:
+    """Some links and all that happened on them; ``where`` names the set."""
+
+    where: str
+    links: Sequence[LinkScore]
+    score: Score
+
+    @property
+    def names(self) -> set[str]:
+        """The links' names."""
+        return {link.name for link in self.links}
+
+    @property
+    def windows(self) -> list[AttackWindow]:
+        """The attack windows on links that a detector judged."""
+        names = self.names
+        return [window for window in self.score.windows if window.judged and window.link in names]
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _group_error(node: NodeScore, family: str, group: str) -> float:
+    if node.divergence_step is not None:
+        return math.inf
+    figures = node.groups[group]
+    return _or_nan(
+        getattr(figures, {"rmse_attacked": "attacked", "rmse_unattacked": "unattacked"}.get(family, family))
+    )
+
+
+def _consistency(node: NodeScore, figures: Consistency, name: str) -> float:
+    if figures.mean is None or figures.dof is None or name == "inside":
+        return _or_nan(figures.inside)
+    if node.divergence_step is not None:
+        return math.inf
+    return figures.mean if name == "mean" else figures.mean / figures.dof
+
+
+def node_value(score: Score, node: NodeScore, metric: str) -> float:
+    """Return a metric of one estimator."""
+    family, _, name = metric.partition(".")
+    if family == "divergences":
+        return float(node.divergence_step is not None)
+    if family == "missing_estimates":
+        return float(score.steps - node.steps_scored)
+    if family in ("nees", "nis"):
+        return _consistency(node, node.nees if family == "nees" else node.nis, name)
+    return _group_error(node, family, name)
+
+
+def pooled_confusion(links: Sequence[LinkScore]) -> Confusion | None:
+    """Return the confusion over the judged ones among some links; None when none is judged."""
+    judged = [link.detector for link in links if link.detector is not None]
+    if not judged:
+        return None
+    return Confusion.of(
+        true_positive=sum(part.true_positive for part in judged),
+        false_positive=sum(part.false_positive for part in judged),
+        false_negative=sum(part.false_negative for part in judged),
+        true_negative=sum(part.true_negative for part in judged),
+    )
+
+
+def _traffic(links: Sequence[LinkScore], name: str) -> float:
+    parts = [link.traffic for link in links]
+    pooled = Traffic.of(*(sum(getattr(part, count) for part in parts) for count in Traffic.COUNTS))
+    return _or_nan(getattr(pooled, name))
+
+
+def link_value(chosen: LinkSet, metric: str) -> float:
+    """Return a metric of a set of links, their packets pooled."""
+    family, _, name = metric.partition(".")
+    if family == "packets":
+        return _traffic(chosen.links, name)
+    if family == "lockouts":
+        names = chosen.names
+        return float(sum(lockout.link in names for lockout in chosen.score.lockouts))
+    pooled = pooled_confusion(chosen.links)
+    if pooled is None:
+        return math.nan
+    if name == "missed_windows":
+        return float(sum(window.delay is None for window in chosen.windows))
+    return _or_nan(getattr(pooled, name))
+
+
+def window_value(window: AttackWindow, metric: str) -> float:
+    """Return a metric of one attack window on a judged link."""
+    value = window.delay if metric == "detector.delay" else window.release
+    return math.inf if value is None else float(value)
+
+
+def _link_sets(score: Score, nodes: Collection[str], links: Collection[str]) -> list[LinkSet]:
+    if not nodes and not links:
+        return [LinkSet("all links", score.links, score)]
+    named = [LinkSet(link.name, [link], score) for link in score.links if link.name in links]
+    return named + [
+        LinkSet(f"links into {node}", [link for link in score.links if link.destination == node], score)
+        for node in nodes
+    ]
+
+
+def _node_values(score: Score, name: str, metric: Metric, nodes: Collection[str]) -> list[Value]:
+    values = [
+        (node.name, node_value(score, node, name)) for node in score.nodes if not nodes or node.name in nodes
+    ]
+    if metric.total and not nodes:
+        return [("all estimators", sum(value for _, value in values))]
+    return values
+
+
+def _network_values(score: Score, nodes: Collection[str]) -> list[Value]:
+    diverged = {node.name for node in score.nodes if node.divergence_step is not None}
+    return [
+        (
+            f"{network.members[0]}..{network.members[-1]}",
+            math.inf if diverged.intersection(network.members) else _or_nan(network.disagreement),
+        )
+        for network in score.networks
+        if (not nodes or not set(nodes).isdisjoint(network.members))
+    ]
+
+
+def measure(
+    score: Score, name: str, metric: Metric, nodes: Collection[str] = (), links: Collection[str] = ()
+) -> list[Value]:
+    """Return the values of a metric for what is named, or for the whole run.
+
+    ``name`` is the metric's full name and ``metric`` its entry in the catalogue. A name that the run does not
+    have gives no value.
+    """
+    if metric.scope == "node":
+        return _node_values(score, name, metric, nodes)
+    if metric.scope == "network":
+        return _network_values(score, nodes)
+    sets = _link_sets(score, nodes, links)
+    if metric.scope == "link":
+        return [(chosen.where, link_value(chosen, name)) for chosen in sets]
+    return [
+        (f"{window.link} from step {window.first}", window_value(window, name))
+        for chosen in sets
+        for window in chosen.windows
+    ]

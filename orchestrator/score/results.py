@@ -1,0 +1,278 @@
+"""What a score holds: plain values, with None where a figure is undefined.
+
+Steps are integers of the plan. A *group* is a part of the state that the plant names (``position``), or
+``state``, which is all of it. Errors are in the units of the state's components.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import msgspec
+
+from orchestrator.score.canonical_json import canonical_json
+
+
+@dataclass(frozen=True)
+class ScoreOptions:
+    """What the score may be told; none of it changes the run.
+
+    Parameters
+    ----------
+    from_step
+        First step that counts in averages of estimation errors (RMSE, NEES, NIS, disagreement).
+    lockout_length
+        Packets that a detector must reject in a row, up to the end, to be called locked out.
+    divergence_bound
+        Norm of the error of the whole state above which an estimator has diverged.
+    confidence
+        Probability of the two-sided chi-square bounds on NEES and NIS.
+    detection_grace
+        Steps after a window's last attacked packet in which an alarm still counts as its detection.
+    node_series
+        Keep the error of every node at every step, not only the networks' averages.
+    """
+
+    from_step: int = 0
+    lockout_length: int = 10
+    divergence_bound: float = 1e6
+    confidence: float = 0.95
+    detection_grace: int = 0
+    node_series: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse values that no score can be made with; raises ValueError."""
+        if self.from_step < 0 or self.detection_grace < 0 or self.lockout_length < 1:
+            raise ValueError("from_step and detection_grace must be at least 0, lockout_length at least 1")
+        if not self.divergence_bound > 0.0 or not 0.0 < self.confidence < 1.0:
+            raise ValueError("divergence_bound must be positive and confidence between 0 and 1")
+
+
+def _ratio(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+class Result(msgspec.Struct, frozen=True, kw_only=True):
+    """Base of all parts of a score."""
+
+
+class GroupError(Result, frozen=True, kw_only=True):
+    """Errors of one estimator in one state group: Euclidean over the group, root mean square over steps.
+
+    ``attacked`` and ``unattacked`` split the steps by whether an attacked packet reached this node. ``peak``
+    is the largest error norm. All are None for an estimator that diverged; an average over no step is None.
+    """
+
+    rmse: float | None
+    attacked: float | None
+    unattacked: float | None
+    peak: float | None
+
+
+class Consistency(Result, frozen=True, kw_only=True):
+    """Mean of a chi-square figure over ``samples`` steps, and what a consistent filter would show.
+
+    ``dof`` is the mean's expectation (degrees of freedom a sample). ``low`` and ``high`` bound the mean at
+    the options' confidence *if the samples were independent*. ``inside`` is the share of samples within their
+    own bounds.
+    """
+
+    samples: int
+    mean: float | None
+    dof: float | None
+    low: float | None
+    high: float | None
+    inside: float | None
+
+
+class NodeScore(Result, frozen=True, kw_only=True):
+    """One estimator; ``method`` is the name of its class, ``divergence_step`` None when it never diverged.
+
+    ``steps_scored`` counts published estimates, and ``complete`` says that none is missing.
+    ``attacked_steps`` counts steps in which an attacked packet reached it. ``nees_undefined`` counts
+    estimates, from `from_step` on and before any divergence, whose covariance is absent or not positive
+    definite. ``error`` holds the error norms by group and step (only with `ScoreOptions.node_series`).
+    """
+
+    name: str
+    method: str
+    complete: bool
+    steps_scored: int
+    divergence_step: int | None
+    attacked_steps: int
+    groups: dict[str, GroupError]
+    nees: Consistency
+    nees_undefined: int
+    nis: Consistency
+    nis_attacked: Consistency
+    nis_unattacked: Consistency
+    error: dict[str, list[float | None]]
+
+
+class NetworkScore(Result, frozen=True, kw_only=True):
+    """Estimators that belong together: connected through neighbours, or isolated ones of one kind.
+
+    ``rmse`` by group and step is the root mean square over the members that have not diverged by that step.
+    ``disagreement_by_step`` is the RMS distance of the members' estimates from their mean; ``disagreement``
+    its root mean square over steps. Both are None where fewer than two members count; the average also when
+    one diverged.
+    """
+
+    members: list[str]
+    rmse: dict[str, list[float | None]]
+    disagreement: float | None
+    disagreement_by_step: list[float | None]
+
+
+class Confusion(Result, frozen=True, kw_only=True):
+    """Verdicts on delivered packets: *positive* means attacked, and no verdict is no alarm."""
+
+    true_positive: int
+    false_positive: int
+    false_negative: int
+    true_negative: int
+    recall: float | None
+    precision: float | None
+    false_alarm_rate: float | None
+
+    @classmethod
+    def of(
+        cls, *, true_positive: int, false_positive: int, false_negative: int, true_negative: int
+    ) -> Confusion:
+        """Return the confusion of these counts, with its rates."""
+        return cls(
+            true_positive=true_positive,
+            false_positive=false_positive,
+            false_negative=false_negative,
+            true_negative=true_negative,
+            recall=_ratio(true_positive, true_positive + false_negative),
+            precision=_ratio(true_positive, true_positive + false_positive),
+            false_alarm_rate=_ratio(false_positive, false_positive + true_negative),
+        )
+
+
+class AttackWindow(Result, frozen=True, kw_only=True):
+    """One attack stage on one link, from the first to the last step in which its packets were delivered.
+
+    Of its ``packets`` delivered, ``rejected`` raised an alarm. ``delay`` counts steps from ``first`` to the
+    first alarm (None: missed, ``censored`` when the run ended first). ``release`` counts steps from the first
+    genuine packet after the window to the first that is accepted (None: never).
+    """
+
+    link: str
+    stage: str
+    judged: bool
+    first: int
+    last: int
+    packets: int
+    rejected: int
+    delay: int | None
+    censored: bool
+    release: int | None
+
+
+class Lockout(Result, frozen=True, kw_only=True):
+    """A detector that rejected all the last ``packets`` genuine packets of a link, from ``first_step`` on."""
+
+    node: str
+    link: str
+    first_step: int
+    packets: int
+
+
+class Traffic(Result, frozen=True, kw_only=True):
+    """Packets of one link or of all, as the channel counted them.
+
+    ``loss_bursts`` counts runs of consecutive packets of a link that were lost; ``mean_loss_burst`` is their
+    mean length.
+    """
+
+    COUNTS: ClassVar[tuple[str, ...]] = ("sent", "lost", "attacked", "delivered", "loss_bursts")
+
+    sent: int
+    lost: int
+    attacked: int
+    delivered: int
+    loss_bursts: int
+    lost_share: float | None
+    mean_loss_burst: float | None
+
+    @classmethod
+    def of(cls, sent: int, lost: int, attacked: int, delivered: int, loss_bursts: int) -> Traffic:
+        """Return the traffic of these counts, with its shares."""
+        return cls(
+            sent=sent,
+            lost=lost,
+            attacked=attacked,
+            delivered=delivered,
+            loss_bursts=loss_bursts,
+            lost_share=_ratio(lost, sent),
+            mean_loss_burst=_ratio(lost, loss_bursts),
+        )
+
+
+class LinkScore(Result, frozen=True, kw_only=True):
+    """One link. ``detector`` is None when no verdict was ever given on it."""
+
+    name: str
+    source: str
+    destination: str
+    stream: str
+    traffic: Traffic
+    detector: Confusion | None
+
+
+class Outcome(Result, frozen=True, kw_only=True):
+    """One expectation and what became of it.
+
+    ``relation`` is ``<=``, ``>=`` or ``==``, and ``message`` shows the numbers. ``measured`` is None when it
+    is undefined or unbounded (a diverged estimator); ``where`` it was measured; ``line`` is that of the
+    topology.
+    """
+
+    metric: str
+    nodes: list[str]
+    links: list[str]
+    relation: str
+    bound: float
+    measured: float | None
+    where: str
+    passed: bool
+    message: str
+    line: int | None
+
+
+class Score(Result, frozen=True, kw_only=True):
+    """The whole score of one run. ``complete`` says that every step of truth and of every estimator is there.
+
+    ``passed`` says that the run is complete and every expectation held. ``unmatched_verdicts`` counts
+    verdicts on packets that the channel never delivered.
+    """
+
+    name: str
+    seed: int
+    trial: int
+    steps: int
+    period_s: float
+    options: ScoreOptions
+    complete: bool
+    passed: bool
+    nodes: list[NodeScore]
+    networks: list[NetworkScore]
+    links: list[LinkScore]
+    traffic: Traffic
+    detector: Confusion | None
+    unmatched_verdicts: int
+    windows: list[AttackWindow]
+    lockouts: list[Lockout]
+    expectations: list[Outcome]
+
+    def to_json(self) -> bytes:
+        """Return the canonical JSON: equal scores give equal bytes."""
+        return canonical_json(msgspec.to_builtins(self))
+
+    @staticmethod
+    def from_json(text: bytes) -> Score:
+        """Read what `to_json` wrote; raises `msgspec.ValidationError` when it is something else."""
+        return msgspec.json.decode(text, type=Score)

@@ -1,0 +1,146 @@
+"""The verdict's tables: the estimators, and the attacks that reached them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Score
+
+ATTACKED_ROWS = 4
+"""Attacked estimators that get a row of their own, for each method; those with the largest errors."""
+
+WINDOW_ROWS = 6
+
+GROUP_COLUMNS = 3
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:#.3g}".removesuffix(".")
+
+
+def _per_dof(figures: Consistency) -> str:
+    return _figure(figures.mean / figures.dof) if figures.mean is not None and figures.dof else "-"
+
+
+def _badness(node: NodeScore) -> float:
+    rmse = node.groups["state"].rmse
+    return float("inf") if rmse is None else rmse
+
+
+def _remark(rank: str, node: NodeScore, score: Score) -> str:
+    parts = [rank] if rank else []
+    if node.divergence_step is not None:
+        parts.append(f"diverged at {node.divergence_step}")
+    if not node.complete:
+        parts.append(f"only {node.steps_scored} of {score.steps} steps")
+    parts += [f"deaf from {lockout.first_step}" for lockout in score.lockouts if lockout.node == node.name]
+    if node.attacked_steps:
+        parts.append(f"attacked {node.attacked_steps} steps")
+    return ", ".join(parts)
+
+
+def _rows(nodes: Sequence[NodeScore]) -> list[tuple[str, NodeScore]]:
+    """Return one method's rows: all when they are few, else best, median, worst, and attacked ones."""
+    ranked = sorted(nodes, key=_badness)
+    if len(ranked) <= 3:
+        return [("", node) for node in nodes]
+    rows = [("best", ranked[0]), ("median", ranked[(len(ranked) - 1) // 2]), ("worst", ranked[-1])]
+    shown = {node.name for _, node in rows}
+    marked = [node for node in ranked if node.attacked_steps and node.name not in shown]
+    chosen = {node.name for node in marked[-ATTACKED_ROWS:]}
+    return rows + [("", node) for node in nodes if node.name in chosen]
+
+
+def _group_columns(score: Score) -> list[str]:
+    """Return the state groups that get a column: the plant's own when they are few, else the whole state."""
+    own = [group for group in score.nodes[0].groups if group != "state"] if score.nodes else []
+    return own if 0 < len(own) <= GROUP_COLUMNS else ["state"]
+
+
+def _table(header: bool) -> Table:
+    return Table(
+        box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False, show_header=header
+    )
+
+
+def _method_table(score: Score, rows: Sequence[tuple[str, NodeScore]], header: bool, width: int) -> Table:
+    """Return the rows of one method; tables of one score have columns of equal widths."""
+    groups = _group_columns(score)
+    table = _table(header)
+    table.add_column("node", min_width=width, no_wrap=True)
+    for name in (*groups, "NEES", "NIS"):
+        table.add_column(name, justify="right", min_width=max(len(name), 5), no_wrap=True)
+    table.add_column("")
+    for rank, node in rows:
+        figures = [_figure(node.groups[group].rmse) for group in groups]
+        remark = _remark(rank, node, score)
+        table.add_row(f"  {node.name}", *figures, _per_dof(node.nees), _per_dof(node.nis), remark)
+    return table
+
+
+def estimator_tables(score: Score) -> Group:
+    """Return the estimators by method: RMSE by state group, NEES and NIS by degree of freedom."""
+    methods: dict[str, list[NodeScore]] = {}
+    for node in score.nodes:
+        methods.setdefault(node.method, []).append(node)
+    width = max([len("node"), *(len(node.name) + 2 for node in score.nodes)])
+    parts: list[RenderableType] = [
+        Text("RMSE by state group, ranked by the whole; NEES and NIS: 1 is consistent", style="bold"),
+        _method_table(score, [], True, width),
+    ]
+    for method, nodes in methods.items():
+        parts.append(Text(f"{method} ({len(nodes)})"))
+        parts.append(_method_table(score, _rows(nodes), False, width))
+    return Group(*parts)
+
+
+def _delay(window: AttackWindow) -> str:
+    if not window.judged:
+        return "no detector"
+    if window.delay is None:
+        return "undecided" if window.censored else "missed"
+    return f"{window.delay} steps"
+
+
+def _release(window: AttackWindow, score: Score) -> str:
+    if not window.judged:
+        return ""
+    if window.release is not None:
+        return f"{window.release} steps"
+    return "-" if window.last >= score.steps - 1 else "never"
+
+
+def attack_table(score: Score) -> Table | None:
+    """Return what the detectors made of each attack, or None when no attacked packet was delivered."""
+    if not score.windows:
+        return None
+    table = _table(header=True)
+    table.add_column("attacked link", no_wrap=True)
+    table.add_column("by", overflow="ellipsis", no_wrap=True)
+    for name in ("steps", "rejected", "false alarms", "alarm after", "trusted after"):
+        table.add_column(name, justify="right")
+    links = {link.name: link for link in score.links}
+    for window in score.windows[:WINDOW_ROWS]:
+        judged = links[window.link].detector
+        rejected = false = "-"
+        if judged is not None:
+            rejected = f"{window.rejected} of {window.packets}"
+            false = f"{judged.false_positive} of {judged.false_positive + judged.true_negative}"
+        span = f"{window.first}..{window.last}"
+        table.add_row(
+            window.link,
+            window.stage.removesuffix(f"@{window.link}"),
+            span,
+            rejected,
+            false,
+            _delay(window),
+            _release(window, score),
+        )
+    if len(score.windows) > WINDOW_ROWS:
+        table.add_row(f"and {len(score.windows) - WINDOW_ROWS} more")
+    return table

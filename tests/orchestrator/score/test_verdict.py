@@ -1,0 +1,121 @@
+"""The verdict for people: one sentence that is true, and a page that fits."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.console import Console
+
+from orchestrator.score.scoring import score
+from orchestrator.score.verdict import headline, print_verdict
+from orchestrator.topology.expectations import Expectation
+
+GROUPS = {"position": [0], "velocity": [1], "acceleration": [2]}
+EXPECTATIONS = [
+    Expectation("divergences", equals=0),
+    Expectation("rmse.position", nodes=("e4", "e12"), at_most=0.6),
+]
+
+
+def scored(run, expectations=EXPECTATIONS):
+    return score(run.plan(), run.records(), state_groups=GROUPS, expectations=expectations)
+
+
+def page(result, width, encoding="utf-8"):
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding=encoding)
+    console = Console(file=stream, width=width)
+    print_verdict(
+        result, console, timing={"steps_per_s": 141.2, "startup_s": 0.43}, files={"Log": "runs/one/run.mcap"}
+    )
+    stream.flush()
+    return raw.getvalue().decode(encoding)
+
+
+def test_a_network_that_held_is_said_to_have_kept_tracking(make_network):
+    assert headline(scored(make_network())) == (
+        "PASSED: the network kept tracking through the attack on s4->e4 and s12->e12; "
+        "all 2 expectations held."
+    )
+
+
+def test_a_failure_names_the_metric_and_what_became_of_the_estimators(make_network):
+    result = scored(make_network(deaf=["e4"], diverging={"e7": 31}))
+    assert headline(result) == (
+        "FAILED: 1 of 2 expectations failed (divergences); 1 of 20 estimators diverged (e7 at step 31) and "
+        "1 detector locked out for good (e4 to s4)."
+    )
+
+
+def test_a_run_without_expectations_is_done(make_network):
+    result = scored(make_network(nodes=1, attacked={}), [])
+    assert headline(result) == "DONE: the estimator e1 kept tracking; nothing was expected of it."
+
+
+def test_an_incomplete_record_is_said_to_be_so(make_network):
+    run = make_network()
+    records = [record for record in run.records() if record[1].step < 149]
+    result = score(run.plan(), records, state_groups=GROUPS, expectations=EXPECTATIONS)
+    assert headline(result).startswith(
+        "INCOMPLETE: 20 estimates missing from the record; as far as it goes, "
+    )
+
+
+def test_an_attacked_estimator_far_off_the_usual_is_not_said_to_keep_tracking(make_plan, recorder):
+    for step in range(10):
+        attacked = step == 5
+        recorder.truth(step, [0.0])
+        recorder.inbox("e1", step, [("s1", step)])
+        recorder.channel(step, events=[("s1->e1", "bias", step, "attacked")] if attacked else [])
+        recorder.estimate("e1", step, [7.0 if attacked else 1.0])
+    result = score(make_plan(10, {"e1": ["s1"]}), recorder.records, state_groups={})
+    assert headline(result) == (
+        "DONE: no estimator diverged through the attack on s1->e1, but e1 erred 7 times the usual; "
+        "nothing was expected of it."
+    )
+
+
+@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"deaf": ["e4"], "diverging": {"e7": 31}},
+        {"attacked": {f"e{i}": (20 + i, 60) for i in range(1, 15)}},
+    ],
+)
+def test_the_page_fits_and_is_plain_text_without_a_terminal(make_network, width, settings):
+    text = page(scored(make_network(**settings), EXPECTATIONS * 12), width)
+    lines = text.splitlines()
+    assert len(lines) <= 45
+    assert max(map(len, lines)) <= width
+    assert "\x1b" not in text
+    assert "…" not in text
+
+
+def test_the_page_shows_attacked_estimators_expectations_and_files(make_network):
+    text = page(scored(make_network(diverging={"e7": 31})), 120)
+    for part in (
+        "SecureDistributedFilter (20)",
+        "worst, diverged at 31",
+        "attacked 6 steps",
+        "✗ divergences exactly 0: 1",
+        "✓ rmse.position at most 0.6",
+        "141 steps/s, startup 0.43 s",
+        "Log: runs/one/run.mcap",
+    ):
+        assert part in text
+    assert "e12" in text
+
+
+def test_failed_expectations_are_shown_first_when_there_are_many(make_network):
+    expectations = [Expectation("packets.sent", at_least=0)] * 30 + [Expectation("packets.sent", equals=1)]
+    text = page(scored(make_network(), expectations), 80)
+    assert "✗ packets.sent exactly 1: 9000" in text
+    assert "and 23 more, of which 0 failed" in text
+
+
+def test_a_console_without_unicode_gets_words(make_network):
+    text = page(scored(make_network(diverging={"e7": 31})), 80, encoding="ascii")
+    assert "NO divergences exactly 0: 1" in text
