@@ -10,15 +10,29 @@ CHANNEL = "channel"
 """The name of the channel process, on the bus and in its own log file."""
 
 
-def inputs(plan: Plan, name: str) -> tuple[str, ...]:
-    """Return the topics that a process receives while the run goes on (the channel's may be expressions)."""
+def paced(plan: Plan) -> tuple[str, ...]:
+    """Return the nodes that wait for the recorder's credits: the plant, and estimators without a sensor."""
+    return (plan.plant.name, *(own.name for own in plan.estimators if not own.sensors))
+
+
+def hears(plan: Plan, name: str) -> str:
+    """Return the one key expression that covers all topics that a process receives while the run goes on."""
     if name == CHANNEL:
-        return tuple(f"tx/*/{stream}" for stream in (keys.MEASUREMENT, keys.EXCHANGE) if plan.links_of(stream))
+        return keys.tx("*", "*")
+    if any(sensor.name == name for sensor in plan.sensors):
+        return keys.truth(plan.plant.name)
+    return keys.rx(name, "*")
+
+
+def inputs(plan: Plan, name: str) -> tuple[str, ...]:
+    """Return the topics that a process receives while the run goes on."""
+    if name == CHANNEL:
+        return tuple(sorted({keys.tx(link.source, link.stream) for link in plan.links}))
     if name == plan.plant.name:
-        return (keys.CREDIT,)
+        return (keys.credit(name),)
     for own in plan.estimators:
         if own.name == name:
-            measured = (keys.rx(name, keys.CORRECT),) if own.sensors else (keys.CREDIT,)
+            measured = (keys.rx(name, keys.CORRECT),) if own.sensors else (keys.credit(name),)
             exchanged = (keys.rx(name, keys.EXCHANGE),) if own.rounds and own.neighbours else ()
             return measured + exchanged
     return (keys.truth(plan.plant.name),)
@@ -55,6 +69,6 @@ def grant(plan: Plan, run: str, name: str) -> Grant:
     return Grant(
         user=name,
         may_put=spelled((*outputs(plan, name), keys.finished(name))),
-        may_subscribe=spelled((*inputs(plan, name), keys.START, keys.STOP)),
+        may_subscribe=spelled((hears(plan, name), keys.START, keys.STOP)),
         alive=prefix + keys.alive(name),
     )

@@ -15,8 +15,9 @@ Sink = Callable[[str, Message], None]
 class InProcessBus:
     """A port that hands every message to the sink and to the programs that receive it."""
 
-    def __init__(self, sink: Sink) -> None:
+    def __init__(self, sink: Sink, credits_to: Sequence[str]) -> None:
         self._sink = sink
+        self._credits_to = credits_to
         self._scheduler = Scheduler()
         self._deliver = self._scheduler.deliver
         self._steps_begun = 0
@@ -35,7 +36,7 @@ class InProcessBus:
     def run(self) -> None:
         """Run all programs to their end; raises RuntimeError when they wait for each other for ever.
 
-        When nobody can go on, all steps that have begun are whole: the plant is given credit for them.
+        When nobody can go on, all steps that have begun are whole: whoever is paced by credits gets them.
         """
         credited = -1
         while True:
@@ -45,4 +46,5 @@ class InProcessBus:
             if credited == self._steps_begun:
                 raise RuntimeError(f"every node waits for another one in step {credited}")
             credited = self._steps_begun
-            self._deliver(keys.CREDIT, Credit(steps_recorded=credited))
+            for name in self._credits_to:
+                self._deliver(keys.credit(name), Credit(steps_recorded=credited))

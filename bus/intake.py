@@ -8,14 +8,14 @@ from typing import Any
 
 import msgspec
 
-from bus import keys
 from bus.messages import Credit, Message, decoder, message_type
 
+_CREDIT = "/credit"
 _DECODERS: dict[type[Any], msgspec.json.Decoder[Any]] = {}
 
 
 def _decoder_of(topic: str) -> msgspec.json.Decoder[Any]:
-    kind = Credit if topic == keys.CREDIT else message_type(topic)
+    kind = Credit if topic.endswith(_CREDIT) else message_type(topic)
     if kind not in _DECODERS:
         _DECODERS[kind] = decoder(kind)
     return _DECODERS[kind]

@@ -13,7 +13,6 @@ CORRECT = "correct"
 EXCHANGE = "exchange"
 """The stream of what estimators send to their neighbours, and the phase in which they take it."""
 
-CREDIT = "control/credit"
 START = "control/start"
 STOP = "control/stop"
 
@@ -36,6 +35,11 @@ def tx(node: str, stream: str) -> str:
 def rx(node: str, phase: str) -> str:
     """Return the topic of a node's inbox: what the channel let through to it in a phase (`CORRECT` or `EXCHANGE`)."""
     return f"rx/{node}/{phase}"
+
+
+def credit(node: str) -> str:
+    """Return the topic on which the recorder grants steps to a node that no other message paces."""
+    return rx(node, "credit")
 
 
 def estimate(node: str) -> str:

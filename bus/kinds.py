@@ -55,7 +55,9 @@ def load_class(reference: str) -> type[Any]:
         try:
             module = importlib.import_module(location)
         except Exception as error:
-            raise KindError(f"module '{location}' cannot be imported: {type(error).__name__}: {error}") from error
+            raise KindError(
+                f"module '{location}' cannot be imported: {type(error).__name__}: {error}"
+            ) from error
     found = getattr(module, name, None)
     if not isinstance(found, type):
         raise KindError(f"'{location}' has no class '{name}'")

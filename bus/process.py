@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import gc
 import resource
 import sys
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import msgspec
 
 from bus import keys
-from bus.grants import inputs, outputs
+from bus.grants import hears, inputs, outputs
 from bus.intake import Intake
 from bus.messages import Finished, encode
 from bus.plan import Plan
 from bus.program import Port, Program, Scheduler
-from bus.zenoh_bus import BusTimeout, Client
+from bus.zenoh_bus import Client
 
+_START, _STOP = (
+    1,
+    2,
+)  # subscriptions beside the data's; a fast neighbour's slot may overtake the start, and waits
 _MEMORY_UNIT = 1 if sys.platform == "darwin" else 1024
 
 
@@ -57,6 +61,11 @@ def rounds_of_topics(plan: Plan) -> dict[str, int]:
     }
 
 
+def _messages_a_step(plan: Plan, name: str) -> int:
+    rounds = rounds_of_topics(plan)
+    return sum(rounds.get(topic, 1) for topic in inputs(plan, name))
+
+
 def run_process(plan: Plan, own: Membership, build: Build) -> None:
     """Take part in a run from the first step to the last.
 
@@ -64,40 +73,33 @@ def run_process(plan: Plan, own: Membership, build: Build) -> None:
     """
     prefix = keys.prefix(own.run)
     patience_s = 2.0 * own.stall_s + 10.0  # supervision speaks first, and knows more
-    subscribe = [prefix + topic for topic in (*inputs(plan, own.name), keys.START, keys.STOP)]
-    publish = [prefix + topic for topic in (*outputs(plan, own.name), keys.finished(own.name))]
     with Client(
-        own.endpoint, own.name, own.password, subscribe=subscribe, publish=publish, stall_s=own.stall_s
+        own.endpoint,
+        own.name,
+        own.password,
+        subscribe=[prefix + topic for topic in (hears(plan, own.name), keys.START, keys.STOP)],
+        publish=[prefix + topic for topic in (*outputs(plan, own.name), keys.finished(own.name))],
+        backlog=_messages_a_step(plan, own.name) * (own.window + 1) + 1,
+        stall_s=own.stall_s,
     ) as client:
         port = _BusPort(client, prefix)
         scheduler = Scheduler()
         for program, topics in build(port):
             scheduler.add(program, topics)
+        gc.freeze()  # what is there now stays; collections need not look at it again
         client.announce(prefix + keys.alive(own.name))
+        client.receive(patience_s, _START)
         intake = Intake(rounds_of_topics(plan))
-        started = False
-        while not (started and scheduler.finished):
+        scheduler.run()
+        while not scheduler.finished:
             key, payload = client.receive(patience_s)
             topic = key.removeprefix(prefix)
-            if topic == keys.START:
-                started = True
-            elif (message := intake.admit(topic, payload)) is not None:
-                scheduler.deliver(topic, message)  # a fast neighbour's slot may overtake the start
-            if started:
+            message = intake.admit(topic, payload)
+            if message is not None:
+                scheduler.deliver(topic, message)
                 scheduler.run()
         port.send(keys.finished(own.name), _last_words(intake))
-        _await(client, prefix + keys.STOP, patience_s)
-
-
-def _await(client: Client, key: str, patience_s: float) -> None:
-    """Wait for the orchestrator's word; what else comes after the last step is of no use."""
-    deadline = time.monotonic() + patience_s
-    while True:
-        left_s = deadline - time.monotonic()
-        if left_s <= 0.0:
-            raise BusTimeout(f"no word on {key} for {patience_s:g} s")
-        if client.receive(left_s)[0] == key:
-            return
+        client.receive(patience_s, _STOP)
 
 
 def _last_words(intake: Intake) -> Finished:

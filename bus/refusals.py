@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 from bus.zenoh_bus import BusError, BusTimeout, Client, Router
 
+_FORBIDDEN, _ALLOWED = 0, 1  # subscriptions of a probing client
+
 
 @dataclass(frozen=True)
 class Probe:
@@ -76,16 +78,18 @@ def _prove_puts(router: Router, client: Client, probe: Probe, timeout_s: float) 
 
 
 def _prove_subscriptions(router: Router, client: Client, probe: Probe, timeout_s: float) -> None:
-    # The client subscribed before it sent what `_prove_puts` has received: the router knows what it wants.
+    # The client subscribed before it sent what `_prove_puts` has received: the router knows what it wants. One link
+    # keeps order: when the allowed message is there, the forbidden one before it was refused.
     nonce = secrets.token_bytes(8)
     router.put(probe.forbidden_subscribe, nonce)
     router.put(probe.allowed_subscribe, nonce)
-    while True:
-        try:
-            key, payload = client.receive(timeout_s)
-        except BusTimeout:
-            raise BusError(f"{probe.user!r} may hear {probe.allowed_subscribe!r}, but was refused") from None
-        if payload == nonce and key == probe.forbidden_subscribe:
+    try:
+        while client.receive(timeout_s, _ALLOWED)[1] != nonce:
+            pass
+    except BusTimeout:
+        raise BusError(
+            f"{probe.user!r} may hear {probe.allowed_subscribe!r}, but the router refused it"
+        ) from None
+    while (heard := client.poll(_FORBIDDEN)) is not None:
+        if heard[1] == nonce:
             raise BusError(f"{probe.user!r} was not refused to hear {probe.forbidden_subscribe!r}")
-        if payload == nonce and key == probe.allowed_subscribe:
-            return

@@ -15,7 +15,7 @@ from bus.access import Grant
 RUNTIME_VARIABLE = "ZENOH_RUNTIME"
 """Zenoh reads its threads from this environment variable, once: when a process opens its first session."""
 
-CLIENT_RUNTIME = "(rx: (handover: app), net: (handover: app), acc: (handover: app))"
+CLIENT_RUNTIME = "(rx: (handover: app), net: (handover: app), acc: (handover: app), tx: (handover: app))"
 """A client has one link: one thread receives, another sends, and Zenoh's other four are not started. That
 saves two thirds of the time to announce and a tenth of a client's CPU. Sending keeps a thread of its own,
 because the receiving one waits for the interpreter's lock while the node computes."""

@@ -3,51 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar, Protocol
+from dataclasses import dataclass
+from typing import ClassVar, Final, NamedTuple, Protocol
 
 import numpy as np
 
 from bus.packets import Packet
 
+LOST: Final = "lost"
+ATTACKED: Final = "attacked"
 
-@dataclass(slots=True)
+
+class Event(NamedTuple):
+    """One thing that a stage did to one packet; ``magnitude`` is the Euclidean norm of the change of its values."""
+
+    link: str
+    stage: str
+    sequence: int
+    action: str
+    magnitude: float
+
+
 class Ledger:
-    """What stages did to the packets of one slot, in the order in which they did it."""
+    """What stages did in one phase and round of a step. Links write in any order, stages of one link in theirs."""
 
-    stage: list[str] = field(default_factory=list)
-    sequence: list[int] = field(default_factory=list)
-    action: list[str] = field(default_factory=list)
-    magnitude: list[float] = field(default_factory=list)
+    __slots__ = ("events",)
 
-    def _note(self, stage: str, packet: Packet, action: str, magnitude: float) -> None:
-        self.stage.append(stage)
-        self.sequence.append(packet.sequence)
-        self.action.append(action)
-        self.magnitude.append(magnitude)
+    def __init__(self) -> None:
+        self.events: list[Event] = []
 
-    def lost(self, stage: str, packet: Packet) -> None:
+    def lost(self, link: str, stage: str, packet: Packet) -> None:
         """Note that a stage dropped a packet."""
-        self._note(stage, packet, "lost", 0.0)
+        self.events.append(Event(link, stage, packet.sequence, LOST, 0.0))
 
-    def attacked(self, stage: str, packet: Packet, magnitude: float) -> None:
-        """Note that a stage changed a packet's values by ``magnitude`` (Euclidean norm)."""
-        self._note(stage, packet, "attacked", magnitude)
-
-    def attacked_sequences(self) -> set[int]:
-        """Return the numbers of the packets that at least one stage attacked."""
-        return {
-            sequence
-            for sequence, action in zip(self.sequence, self.action, strict=True)
-            if action == "attacked"
-        }
-
-    def extend(self, other: Ledger) -> None:
-        """Append another slot's notes."""
-        self.stage += other.stage
-        self.sequence += other.sequence
-        self.action += other.action
-        self.magnitude += other.magnitude
+    def attacked(self, link: str, stage: str, packet: Packet, magnitude: float) -> None:
+        """Note that a stage changed a packet's values."""
+        self.events.append(Event(link, stage, packet.sequence, ATTACKED, magnitude))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from bus.kinds import load_class
@@ -9,7 +10,7 @@ from bus.messages import ChannelEvents
 from bus.packets import Packet
 from bus.plan import LinkPlan, Plan, StagePlan
 from bus.random_streams import random_stream
-from channel.contract import Ledger, Placement, Stage
+from channel.contract import ATTACKED, LOST, Ledger, Placement, Stage
 
 
 def build_stage(plan: Plan, stage: StagePlan) -> Stage:
@@ -26,32 +27,26 @@ def build_stage(plan: Plan, stage: StagePlan) -> Stage:
 class _Link:
     """One link's stages, each with its window of steps."""
 
-    __slots__ = ("name", "stages")
+    __slots__ = ("destination", "name", "number", "stages")
 
-    def __init__(self, plan: LinkPlan, stages: Mapping[str, tuple[StagePlan, Stage]]) -> None:
+    def __init__(self, number: int, plan: LinkPlan, stages: Mapping[str, tuple[StagePlan, Stage]]) -> None:
+        self.number = number
         self.name = plan.name
-        self.stages = [
-            (stages[label][0].first, stages[label][0].last, stages[label][1]) for label in plan.stages
-        ]
-
-    def transmit(self, step: int, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
-        """Take the packets of one slot through the stages that are at work in this step."""
-        for first, last, stage in self.stages:
-            if first <= step <= last:
-                packets = stage.apply(self.name, step, packets, ledger)
-        return packets
+        self.destination = plan.destination
+        placed = [stages[label] for label in plan.stages]
+        self.stages = [(stage_plan.first, stage_plan.last, stage.apply) for stage_plan, stage in placed]
 
 
 class _Account:
-    """The events of one phase and round of one step, filled link by link."""
+    """What happened in one phase and round of one step, filled link by link."""
 
-    __slots__ = ("delivered", "left", "ledgers", "sent")
+    __slots__ = ("delivered", "ledger", "left", "sent")
 
     def __init__(self, links: int) -> None:
         self.left = links
         self.sent = [0] * links
         self.delivered = [0] * links
-        self.ledgers: list[Ledger | None] = [None] * links
+        self.ledger = Ledger()
 
 
 class PhaseNetwork:
@@ -70,11 +65,11 @@ class PhaseNetwork:
             [link.name for link in links if rounds.get(link.source, 1) > round_]
             for round_ in range(max((rounds.get(link.source, 1) for link in links), default=0))
         ]
-        self._from: dict[str, list[tuple[int, str, _Link]]] = {}
-        self._in_degree: dict[str, int] = {}
-        for index, link in enumerate(links):
-            self._from.setdefault(link.source, []).append((index, link.destination, _Link(link, stages)))
-            self._in_degree[link.destination] = self._in_degree.get(link.destination, 0) + 1
+        self._numbers = {link.name: number for number, link in enumerate(links)}
+        self._from: dict[str, list[_Link]] = {}
+        for number, link in enumerate(links):
+            self._from.setdefault(link.source, []).append(_Link(number, link, stages))
+        self._in_degree = Counter(link.destination for link in links)
         self._inboxes: dict[tuple[str, int, int], dict[str, Sequence[Packet]]] = {}
         self._accounts: dict[tuple[int, int], _Account] = {}
 
@@ -94,19 +89,22 @@ class PhaseNetwork:
         if account is None:
             account = self._accounts[step, round_] = _Account(len(self._names[round_]))
         complete = []
-        for index, destination, link in self._from[source]:
-            arrived: Sequence[Packet] = packets
-            if link.stages:
-                ledger = account.ledgers[index] = Ledger()
-                arrived = link.transmit(step, packets, ledger)
-            account.sent[index] = len(packets)
-            account.delivered[index] = len(arrived)
+        for link in self._from[source]:
+            arrived = packets
+            for first, last, apply in link.stages:
+                if first <= step <= last:
+                    arrived = apply(link.name, step, arrived, account.ledger)
+            account.sent[link.number] = len(packets)
+            account.delivered[link.number] = len(arrived)
             account.left -= 1
-            slots = self._inboxes.setdefault((destination, step, round_), {})
+            inbox = (link.destination, step, round_)
+            slots = self._inboxes.setdefault(inbox, {})
             slots[source] = arrived
-            if len(slots) == self._in_degree[destination]:
-                del self._inboxes[destination, step, round_]
-                complete.append((destination, [packet for name in sorted(slots) for packet in slots[name]]))
+            if len(slots) == self._in_degree[link.destination]:
+                del self._inboxes[inbox]
+                complete.append(
+                    (link.destination, [packet for name in sorted(slots) for packet in slots[name]])
+                )
         return complete
 
     def take_events(self, step: int, round_: int) -> ChannelEvents | None:
@@ -118,15 +116,12 @@ class PhaseNetwork:
         names = self._names[round_]
         lost = [0] * len(names)
         attacked = [0] * len(names)
-        events = Ledger()
-        event_link: list[str] = []
-        for index, ledger in enumerate(account.ledgers):
-            if ledger is None or not ledger.action:
-                continue
-            lost[index] = ledger.action.count("lost")
-            attacked[index] = len(ledger.attacked_sequences())
-            events.extend(ledger)
-            event_link += [names[index]] * len(ledger.action)
+        events = sorted(account.ledger.events, key=lambda event: self._numbers[event.link])
+        for event in events:
+            if event.action == LOST:
+                lost[self._numbers[event.link]] += 1
+        for link, _ in {(event.link, event.sequence) for event in events if event.action == ATTACKED}:
+            attacked[self._numbers[link]] += 1
         return ChannelEvents(
             step=step,
             t=step * self._period_s,
@@ -136,11 +131,11 @@ class PhaseNetwork:
             lost=lost,
             attacked=attacked,
             delivered=account.delivered,
-            event_link=event_link,
-            event_stage=events.stage,
-            event_sequence=events.sequence,
-            event_action=events.action,
-            event_magnitude=events.magnitude,
+            event_link=[event.link for event in events],
+            event_stage=[event.stage for event in events],
+            event_sequence=[event.sequence for event in events],
+            event_action=[event.action for event in events],
+            event_magnitude=[event.magnitude for event in events],
         )
 
 

@@ -10,7 +10,9 @@ from bus.program import Port, Program, every_step
 from channel.network import PhaseNetwork, build_network
 
 
-def _sender_program(port: Port, plan: Plan, network: PhaseNetwork, source: str, stream: str, rounds: int) -> Program:
+def _sender_program(
+    port: Port, plan: Plan, network: PhaseNetwork, source: str, stream: str, rounds: int
+) -> Program:
     topic = keys.tx(source, stream)
     phase = keys.phase_of(stream)
     events_topic = keys.channel(phase)

@@ -20,7 +20,17 @@ ONLY_IN = {
     "pydantic": {"orchestrator/topology", "orchestrator/registry.py"},
 }
 PURE = ["nodes/plants", "nodes/sensors", "nodes/estimators", "channel/impairments", "channel/attacks"]
-SHELL_MODULES = {"os", "sys", "time", "threading", "multiprocessing", "socket", "subprocess", "pathlib", "random"}
+SHELL_MODULES = {
+    "os",
+    "sys",
+    "time",
+    "threading",
+    "multiprocessing",
+    "socket",
+    "subprocess",
+    "pathlib",
+    "random",
+}
 
 
 def imported_modules(path: Path) -> set[str]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+from msgspec.structs import replace
 
 from bus.packets import Packet
 from channel.contract import Ledger, Placement
@@ -47,5 +47,5 @@ class Bias:
                 f"the bias on {link} does not fit a payload of {values.size} values; "
                 "give one 'value', or one for each of its 'components'"
             ) from error
-        ledger.attacked(self._label, packet, float(np.linalg.norm(values - packet.values)))
+        ledger.attacked(link, self._label, packet, float(np.linalg.norm(values - packet.values)))
         return replace(packet, values=values)

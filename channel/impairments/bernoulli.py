@@ -36,5 +36,5 @@ class Bernoulli:
         if self._draws[link].at(step) >= self._loss:
             return packets
         for packet in packets:
-            ledger.lost(self._label, packet)
+            ledger.lost(link, self._label, packet)
         return ()

@@ -47,7 +47,9 @@ class GilbertElliottLaw:
         return self.stationary_bad * self.loss_bad + (1.0 - self.stationary_bad) * self.loss_good
 
 
-def law_of_bursts(mean_loss: float, mean_burst: float, initial: Initial, loss_from: LossFrom) -> GilbertElliottLaw:
+def law_of_bursts(
+    mean_loss: float, mean_burst: float, initial: Initial, loss_from: LossFrom
+) -> GilbertElliottLaw:
     """Return the chain that loses in its bad state only, given the share of losses and the mean length of a burst.
 
     A burst's length is geometric with mean 1 / recovery. Raises ValueError when no such chain exists.
@@ -146,17 +148,18 @@ class GilbertElliott:
     def apply(self, link: str, step: int, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
         """Return the packets that the chain lets through."""
         chain = self._chains[link]
-        if self._clock == "packet":
+        if self._clock == "step":
+            if not chain.lost(step):
+                return packets
+            fates = [True] * len(packets)
+        elif self._clock == "packet":
             tick = self._ticks[link]
             self._ticks[link] += len(packets)
             fates = [chain.lost(tick + index) for index in range(len(packets))]
         else:
-            tick = step if self._clock == "step" else self._ticks[link]
+            fates = [chain.lost(self._ticks[link])] * len(packets)
             self._ticks[link] += 1
-            fates = [chain.lost(tick)] * len(packets)
-        if not any(fates):
-            return packets
         for packet, lost in zip(packets, fates, strict=True):
             if lost:
-                ledger.lost(self._label, packet)
+                ledger.lost(link, self._label, packet)
         return [packet for packet, lost in zip(packets, fates, strict=True) if not lost]

@@ -24,7 +24,17 @@ def test_the_next_slot_of_a_topic_is_admitted() -> None:
 
 @pytest.mark.parametrize(
     "payload",
-    [b"", b"{", b"null", b"[]", b'{"step":1}', b'{"step":"1","t":0.0,"state":[]}', b"\xff\xfe", truth(0), truth(5)],
+    [
+        b"",
+        b"{",
+        b"null",
+        b"[]",
+        b'{"step":1}',
+        b'{"step":"1","t":0.0,"state":[]}',
+        b"\xff\xfe",
+        truth(0),
+        truth(5),
+    ],
 )
 def test_malformed_duplicate_and_premature_messages_are_refused_and_counted(payload: bytes) -> None:
     intake = Intake({})
@@ -49,5 +59,5 @@ def test_exchange_rounds_are_counted_inside_a_step() -> None:
 
 def test_credits_may_skip_steps() -> None:
     intake = Intake({})
-    assert intake.admit(keys.CREDIT, encode(Credit(steps_recorded=4))) == Credit(steps_recorded=4)
-    assert intake.admit(keys.CREDIT, encode(Credit(steps_recorded=9))) == Credit(steps_recorded=9)
+    assert intake.admit(keys.credit("plant"), encode(Credit(steps_recorded=4))) == Credit(steps_recorded=4)
+    assert intake.admit(keys.credit("plant"), encode(Credit(steps_recorded=9))) == Credit(steps_recorded=9)

@@ -31,7 +31,7 @@ def test_an_inbox_returns_the_packets_that_were_put_in_to_the_last_bit(
 
 @given(payloads)
 def test_a_transmission_carries_one_payload(values: np.ndarray) -> None:
-    message = decoder(Transmission).decode(encode(transmission(3, 0.15, 0, 3, values)))
+    message = decoder(Transmission).decode(encode(transmission(3, 0.15, 0, 3, values.tolist())))
     (packet,) = packets_of_transmission(message, "s1", "measurement")
     assert same(packet, Packet("s1", 3, 3, "measurement", values))
 

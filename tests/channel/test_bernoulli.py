@@ -12,7 +12,9 @@ from channel.impairments.bernoulli import Bernoulli
 def test_losses_are_independent_with_the_given_probability() -> None:
     """Losses and pairs of successive losses are binomial; false-alarm rate 2e-6."""
     steps = 20_000
-    stage = Bernoulli(Placement("bernoulli", {"l": "l"}, {"l": random_stream(2, 0, "l", "bernoulli")}), loss=0.3)
+    stage = Bernoulli(
+        Placement("bernoulli", {"l": "l"}, {"l": random_stream(2, 0, "l", "bernoulli")}), loss=0.3
+    )
     packets = [Packet("s1", 0, 0, "measurement", np.zeros(1))]
     lost = np.array([not stage.apply("l", step, packets, Ledger()) for step in range(steps)])
     low, high = binom.interval(1 - 1e-6, steps, 0.3)

@@ -21,7 +21,7 @@ def test_the_bias_is_added_and_noted_and_the_genuine_packet_left_alone() -> None
     assert false.values.tolist() == [4.0, 6.0]
     assert genuine.values.tolist() == [1.0, 2.0]
     assert (false.source, false.sent_step, false.sequence) == ("s4", 7, 7)
-    assert (ledger.sequence, ledger.action, ledger.magnitude) == ([7], ["attacked"], [5.0])
+    assert ledger.events == [("s4->e4", "bias", 7, "attacked", 5.0)]
 
 
 def test_only_the_named_components_are_attacked() -> None:

@@ -35,7 +35,9 @@ def fates(law: GilbertElliottLaw, ticks: int, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("tick", [0, 3, 20])
 @pytest.mark.parametrize("loss_from", ["new_state", "old_state"])
-def test_the_share_of_losses_at_a_tick_is_that_of_the_chain_over_independent_chains(tick: int, loss_from: Any) -> None:
+def test_the_share_of_losses_at_a_tick_is_that_of_the_chain_over_independent_chains(
+    tick: int, loss_from: Any
+) -> None:
     """One look per independent chain, so that the count is binomial; false-alarm rate 1e-6 a case."""
     law = GilbertElliottLaw(0.1, 0.3, loss_good=0.02, loss_bad=0.9, initial="good", loss_from=loss_from)
     chains = 4000
@@ -97,7 +99,8 @@ def test_links_of_a_shared_stream_meet_the_same_fates_in_whatever_order_they_are
 def test_links_with_chains_of_their_own_differ() -> None:
     own = stage({"e1->e2": "e1->e2", "e2->e1": "e2->e1"}, failure=0.3, recovery=0.3)
     left, right = (
-        [len(own.apply(link, step, [packet(step)], Ledger())) for step in range(200)] for link in ("e1->e2", "e2->e1")
+        [len(own.apply(link, step, [packet(step)], Ledger())) for step in range(200)]
+        for link in ("e1->e2", "e2->e1")
     )
     assert left != right
 
@@ -118,7 +121,9 @@ def test_a_chain_clocked_by_slots_moves_with_every_slot_even_an_empty_one() -> N
     dense = stage({"l": "l"}, failure=0.4, recovery=0.4, clock="slot")
     sparse = stage({"l": "l"}, failure=0.4, recovery=0.4, clock="slot")
     fates_dense = [len(dense.apply("l", step, [packet(step)], Ledger())) for step in range(200)]
-    fates_sparse = [len(sparse.apply("l", step, [packet(step)] * (step % 2), Ledger())) for step in range(200)]
+    fates_sparse = [
+        len(sparse.apply("l", step, [packet(step)] * (step % 2), Ledger())) for step in range(200)
+    ]
     assert fates_dense[1::2] == fates_sparse[1::2]
 
 
@@ -126,8 +131,8 @@ def test_every_loss_stands_in_the_ledger() -> None:
     always = stage({"l": "l"}, failure=1.0, recovery=0.0)
     ledger = Ledger()
     assert not always.apply("l", 0, [packet(4), packet(5)], ledger)
-    assert ledger.sequence == [4, 5]
-    assert ledger.action == ["lost", "lost"]
+    assert [event.sequence for event in ledger.events] == [4, 5]
+    assert [event.action for event in ledger.events] == ["lost", "lost"]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Plants, sensors and estimators: pure mathematics, and the programs that run them as nodes."""

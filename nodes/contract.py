@@ -1,0 +1,130 @@
+"""What a plant, a sensor and an estimator are: plain objects that know no bus, no file and no clock.
+
+Matrices keep the names of the literature: ``A`` (n, n) dynamics, ``Q`` (n, n) process noise covariance, ``C``
+(m, n) measurement, ``R`` (m, m) measurement noise covariance, ``P`` (n, n) error covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from bus.packets import Packet, Vector
+
+Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
+
+
+class Plant(Protocol):
+    """A plant's model. It holds no state: estimators may be given it without being given the truth.
+
+    A kind is constructed as ``Kind(period_s, **parameters)``.
+    """
+
+    state_groups: Mapping[str, Sequence[int]]
+    """Names for parts of the state, by index: the score reports errors by group."""
+    initial_mean: Vector
+    """Mean (n,) of the initial state."""
+    initial_covariance: Matrix
+    """Covariance (n, n) of the initial state."""
+
+    def initial_state(self, rng: np.random.Generator) -> Vector:
+        """Draw the state (n,) of step 0."""
+        ...
+
+    def advance(self, step: int, state: Vector, rng: np.random.Generator) -> Vector:
+        """Return the state (n,) of ``step``, given that of the step before."""
+        ...
+
+
+@runtime_checkable
+class LinearPlant(Plant, Protocol):
+    """A plant ``x+ = A x + w`` with ``w ~ N(0, Q)``."""
+
+    A: Matrix
+    Q: Matrix
+
+
+class Sensor(Protocol):
+    """A sensor's model. A kind is constructed as ``Kind(plant, **parameters)``."""
+
+    def observe(self, step: int, state: Vector, rng: np.random.Generator) -> Vector:
+        """Measure (m,) the true state (n,)."""
+        ...
+
+
+@runtime_checkable
+class LinearSensor(Sensor, Protocol):
+    """A sensor ``y = C x + v`` with ``v ~ N(0, R)``."""
+
+    C: Matrix
+    R: Matrix
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What an estimator is told of the world: models, never states."""
+
+    name: str
+    """Its own node name."""
+    plant: Plant
+    sensors: Mapping[str, Sensor]
+    """The models of the sensors that it listens to, by node name."""
+    neighbours: Mapping[str, float]
+    """The estimators that send to it, with the graph's weight ``h_ij`` of each."""
+    rng: np.random.Generator
+    """Its own random stream."""
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """A detector's verdict on one packet: ``alarm`` is True when the packet was judged attacked."""
+
+    source: str
+    sequence: int
+    statistic: float
+    alarm: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """What an estimator publishes at the end of a step.
+
+    ``state`` (n,) with error ``covariance`` (n, n) refers to the step ``refers_to`` (None: the current one). ``nis`` is
+    the normalised innovation squared of the packets of this step under the filter's own covariance, with ``nis_dof``
+    degrees of freedom (0: none came). ``diagnostics`` are further named numbers for the log.
+    """
+
+    state: Vector
+    covariance: Matrix
+    refers_to: int | None = None
+    nis: float = 0.0
+    nis_dof: int = 0
+    detections: Sequence[Detection] = ()
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+
+
+class Estimator(Protocol):
+    """An estimator. A kind is constructed as ``Kind(setting, **parameters)``.
+
+    Each step calls, in order: `correct` once, `exchange` ``rounds`` times, `estimate` once. A payload that is
+    returned goes to all neighbours through the channel; None is a quiet slot. Payloads are (m,) arrays whose layout is
+    the method's own. A lost packet is simply not in ``packets``.
+    """
+
+    rounds: int
+    """Exchange rounds in each step; 0 for an estimator that works alone."""
+
+    def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
+        """Take this step's measurements; return the payload of exchange round 0 (ignored when ``rounds`` is 0)."""
+        ...
+
+    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
+        """Take the neighbours' payloads of a round; return that of the next (ignored after the last)."""
+        ...
+
+    def estimate(self, step: int) -> Belief:
+        """Return the belief to publish for this step."""
+        ...

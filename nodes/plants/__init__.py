@@ -1,0 +1,1 @@
+"""Plants: how the true state moves."""

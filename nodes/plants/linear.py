@@ -1,0 +1,88 @@
+"""A linear plant driven by white Gaussian noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from bus.packets import Vector
+from nodes.contract import Matrix
+from nodes.gaussian import Gaussian
+from nodes.linear_algebra import square_root
+
+
+class Linear:
+    """A plant ``x+ = A x + w`` with ``w ~ N(0, Q)`` and ``x_0 ~ N(mean, covariance)``.
+
+    Parameters
+    ----------
+    period_s
+        Sampling period (s); ``A`` and ``process_noise`` already refer to one period.
+    A
+        Dynamics (n, n), unitless ratios of state components over one period.
+    process_noise
+        Law of ``w`` for one period, in state units; its mean must be zero.
+    initial
+        Law of the state of step 0, in state units.
+    state_groups
+        Names for parts of the state, each with the indices of its components. Without it the whole state is
+        the one group ``state``.
+
+    Raises
+    ------
+    ValueError
+        When the period is not positive, a shape does not fit ``A``, the process noise has a mean, or a
+        group names a component that the state does not have.
+    """
+
+    def __init__(
+        self,
+        period_s: float,
+        *,
+        A: list[list[float]],
+        process_noise: Gaussian,
+        initial: Gaussian,
+        state_groups: dict[str, list[int]] | None = None,
+    ) -> None:
+        if not period_s > 0.0:
+            raise ValueError(f"period_s is {period_s}; give a positive sampling period in seconds")
+        self.period_s = period_s
+        self.A: Matrix = _square_matrix(A)
+        n = len(self.A)
+        if process_noise.mean is not None and any(process_noise.mean):
+            raise ValueError("process_noise must have mean zero; leave the mean out")
+        self.Q: Matrix = process_noise.covariance_matrix(n)
+        self.initial_mean: Vector = initial.mean_vector(n)
+        self.initial_covariance: Matrix = initial.covariance_matrix(n)
+        self.state_groups: Mapping[str, Sequence[int]] = _checked_groups(state_groups, n)
+        self._noise_factor = square_root(self.Q)
+        self._initial_factor = square_root(self.initial_covariance)
+
+    def initial_state(self, rng: np.random.Generator) -> Vector:
+        """Draw the state (n,) of step 0."""
+        state: Vector = self.initial_mean + self._initial_factor.dot(rng.standard_normal(len(self.A)))
+        return state
+
+    def advance(self, step: int, state: Vector, rng: np.random.Generator) -> Vector:
+        """Return the state (n,) of ``step``, given that of the step before."""
+        moved: Vector = self.A.dot(state) + self._noise_factor.dot(rng.standard_normal(len(self.A)))
+        return moved
+
+
+def _square_matrix(rows: list[list[float]]) -> Matrix:
+    """Return ``A`` (n, n); raises ValueError when the rows are ragged or too few."""
+    if not rows or any(len(row) != len(rows) for row in rows):
+        lengths = [len(row) for row in rows]
+        raise ValueError(f"A has {len(rows)} rows of lengths {lengths}; give a square matrix, row by row")
+    return np.array(rows, dtype=np.float64)
+
+
+def _checked_groups(groups: dict[str, list[int]] | None, size: int) -> dict[str, list[int]]:
+    """Return the groups, or the one group of the whole state; raises ValueError on an index out of range."""
+    if groups is None:
+        return {"state": list(range(size))}
+    for name, indices in groups.items():
+        if not indices or not all(0 <= index < size for index in indices):
+            raise ValueError(f"state_groups: {name!r} is {indices}; give indices from 0 to {size - 1}")
+    return groups

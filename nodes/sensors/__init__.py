@@ -1,0 +1,1 @@
+"""Sensors: how the true state is measured."""

@@ -1,0 +1,1 @@
+"""Topology files, launch, record, score, report and the command line."""

@@ -1,0 +1,93 @@
+"""What a child process of a run does: it keeps its own log, watches its parent, and runs its node's or channel's programs."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Sequence
+from multiprocessing import connection, parent_process
+from pathlib import Path
+
+from bus.grants import CHANNEL, inputs
+from bus.plan import Plan
+from bus.process import Membership, run_process
+from bus.program import Port, Program
+from channel.program import channel_programs
+from nodes.build import node_program
+
+_EXTERNAL = "nodes.estimators.external:External"
+_PR_SET_PDEATHSIG = 1
+
+
+def child_main(plan: Plan, own: Membership, log_file: Path) -> None:
+    """Run one process to its end and leave: with code 0, or 1 after writing a traceback to its log file."""
+    _redirect_output(log_file)
+    print(f"{own.name}: process {os.getpid()}", flush=True)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the orchestrator's to handle
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+
+    def build(port: Port) -> Sequence[tuple[Program, Sequence[str]]]:
+        if own.name == CHANNEL:
+            return channel_programs(port, plan)
+        return [(node_program(port, plan, own.name, own.window), inputs(plan, own.name))]
+
+    try:
+        command = external_command(plan, own.name)
+        if command is not None:
+            _become(command, plan, own)
+        run_process(plan, own, build)
+        code = 0
+    except BaseException:
+        traceback.print_exc()
+        code = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # the bus's own threads may outlive a failed session and hold a normal exit up for ever
+
+
+def external_command(plan: Plan, name: str) -> list[str] | None:
+    """Return the command of an external node, None for a node of ours."""
+    for estimator in plan.estimators:
+        if estimator.name == name and estimator.kind.reference == _EXTERNAL:
+            return list(estimator.kind.parameters["command"])
+    return None
+
+
+def _become(command: list[str], plan: Plan, own: Membership) -> None:
+    """Replace this process by a user's program, which is told in its environment how to join the bus."""
+    if (
+        sys.platform == "linux"
+    ):  # the thread that watches the parent does not survive, so the kernel must watch
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    membership = {
+        "GAUNTLET_ENDPOINT": own.endpoint,
+        "GAUNTLET_RUN": own.run,
+        "GAUNTLET_NODE": own.name,
+        "GAUNTLET_PASSWORD": own.password,
+        "GAUNTLET_STEPS": str(plan.steps),
+        "GAUNTLET_PERIOD_S": repr(plan.period_s),
+    }
+    os.execvpe(command[0], command, {**os.environ, **membership})
+
+
+def _redirect_output(log_file: Path) -> None:
+    """Send standard output and error, and the warnings of our own code, to the process's log file."""
+    descriptor = os.open(log_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    os.dup2(descriptor, 1)
+    os.dup2(descriptor, 2)
+    os.close(descriptor)
+    logging.basicConfig(stream=sys.stderr, format="%(message)s")
+
+
+def _leave_with_parent() -> None:
+    """End this process as soon as its parent is gone, however it went."""
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)

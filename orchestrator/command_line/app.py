@@ -1,0 +1,205 @@
+"""The commands of `gauntlet`, and how their errors become exit codes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from orchestrator import exit_codes
+from orchestrator.command_line import log_commands
+from orchestrator.command_line.output import fail, print_json, run_progress, verdict_console
+from orchestrator.errors import InputError
+
+if TYPE_CHECKING:
+    from orchestrator.topology.resolved import Topology
+
+os.environ.update(
+    OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1"
+)  # before numpy is imported
+
+_EPILOG = "Exit codes: 0 passed, 1 an expectation failed, 2 bad input, 3 a node failed or stalled, 130/143 interrupted."
+
+app = typer.Typer(
+    name="gauntlet",
+    help="Run state estimators through a hostile network, and tell which ones survive.",
+    epilog=_EPILOG,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.add_typer(log_commands.app, name="log")
+
+TopologyFile = Annotated[
+    Path, typer.Argument(metavar="FILE", help="A topology file (YAML).", show_default=False)
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Override a value, as in sensors.s4.noise.std=0.1. Repeatable."
+    ),
+]
+Seed = Annotated[int | None, typer.Option(help="Override the topology's seed.", min=0)]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")]
+
+
+@app.callback(invoke_without_command=True)
+def _main(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    if version:
+        from importlib.metadata import version as version_of
+
+        typer.echo(f"gauntlet {version_of('gauntlet')}")
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    file: TopologyFile,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Directory for log, score and node logs. Default: runs/NAME-seedSEED-N.", show_default=False
+        ),
+    ] = None,
+    seed: Seed = None,
+    overrides: Overrides = None,
+    backend: Annotated[
+        Literal["processes", "inprocess"] | None,
+        typer.Option(
+            help="One process a node on the bus, or everything in this one; the log is the same. Default: processes.",
+            show_default=False,
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Launch a topology, log every message, score the estimators and print the verdict."""
+    from orchestrator.run import run_topology
+    from orchestrator.run_directory import make_run_directory
+
+    topology = _load(file, overrides, seed)
+    for warning in topology.warnings:
+        typer.echo(f"warning: {warning}", err=True)
+    directory = make_run_directory(out, topology.plan.name, topology.plan.seed)
+    with run_progress(topology.plan.steps, quiet=json) as progress:
+        report = run_topology(topology, directory, backend or topology.backend, progress)
+    if json:
+        print_json(report.facts())
+    else:
+        from orchestrator.score.verdict import print_verdict
+
+        print_verdict(report.score, verdict_console(), timing=report.timing.headlines(), files=report.files())
+    if report.message:
+        typer.echo(f"gauntlet: {report.message}", err=True)
+    raise typer.Exit(report.exit_code)
+
+
+@app.command()
+def validate(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", show_default=False)],
+    seed: Seed = None,
+    overrides: Overrides = None,
+    json: Json = False,
+) -> None:
+    """Check topology files without running them: all errors at once, with file, line and cure."""
+    from orchestrator.summary import summarise, summary_lines
+    from orchestrator.topology.problems import TopologyError
+
+    summaries = []
+    problems = []
+    for file in files:
+        try:
+            summaries.append(summarise(_load(file, overrides, seed)))
+        except TopologyError as error:
+            problems += error.problems
+    if json:
+        print_json(
+            {"valid": not problems, "topologies": summaries, "problems": [p.as_json() for p in problems]}
+        )
+    else:
+        for summary in summaries:
+            typer.echo("\n".join(summary_lines(summary)))
+        for problem in problems:
+            typer.echo(str(problem), err=True)
+    raise typer.Exit(exit_codes.BAD_INPUT if problems else exit_codes.PASSED)
+
+
+@app.command()
+def score(
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="A run's MCAP file, whole or cut off.", show_default=False)
+    ],
+    json: Json = False,
+) -> None:
+    """Compute the score of a log again, from nothing but the log."""
+    from orchestrator.score_of_log import score_of_log
+
+    result = score_of_log(log)
+    if json:
+        sys.stdout.buffer.write(result.to_json())
+    else:
+        from orchestrator.score.verdict import print_verdict
+
+        print_verdict(result, verdict_console())
+    raise typer.Exit(exit_codes.PASSED if result.passed else exit_codes.EXPECTATION_FAILED)
+
+
+@app.command()
+def graph(
+    file: TopologyFile,
+    out: Annotated[
+        Path, typer.Option(help="The picture to write; its ending chooses SVG, PNG or PDF.")
+    ] = Path("network.svg"),
+    seed: Seed = None,
+    overrides: Overrides = None,
+) -> None:
+    """Draw the network: who measures, who listens to whom, what is lossy and what is attacked."""
+    from orchestrator.graph_drawing import draw
+
+    draw(_load(file, overrides, seed).plan, out)
+    typer.echo(f"wrote {out}")
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of topology files, for editors."""
+    from orchestrator.topology.json_schema import schema as topology_schema
+
+    print_json(topology_schema())
+
+
+@app.command()
+def plugins(json: Json = False) -> None:
+    """List every kind that a topology may name: plants, sensors, estimators, impairments, attacks, graphs."""
+    from orchestrator.registry import describe_kinds
+
+    kinds = describe_kinds()
+    if json:
+        print_json(kinds)
+        return
+    for kind in kinds:
+        typer.echo(f"{kind['role']:<11} {kind['name']:<22} {kind['summary']}")
+
+
+def _load(file: Path, overrides: list[str] | None, seed: int | None) -> Topology:
+    from orchestrator.topology.load import load_topology
+
+    return load_topology(file, overrides or (), seed)
+
+
+def main() -> None:
+    """Run the command line; errors that are the user's to mend end with one clear text and exit code 2."""
+    try:
+        app()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except InputError as error:
+        fail(error)
+
+
+if __name__ == "__main__":
+    main()

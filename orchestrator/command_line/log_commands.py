@@ -1,0 +1,55 @@
+"""`gauntlet log`: look into a log, mend it, hand it on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from orchestrator.command_line.output import print_json
+
+app = typer.Typer(help="Look into a log, mend a truncated one, hand its data on.", no_args_is_help=True)
+
+LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A run's MCAP file.", show_default=False)]
+
+
+@app.command()
+def info(log: LogFile, json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
+    """Tell what a log holds: provenance, topics, size, whether it is whole."""
+    from orchestrator.log.describe import describe, describe_lines
+
+    facts = describe(log)
+    if json:
+        print_json(facts)
+    else:
+        typer.echo("\n".join(describe_lines(facts)))
+
+
+@app.command()
+def recover(
+    log: LogFile,
+    out: Annotated[
+        Path | None, typer.Option(help="The file to write.", show_default="LOG.recovered.mcap")
+    ] = None,
+) -> None:
+    """Write a whole log from one that was cut off; the original is left as it is."""
+    from orchestrator.log.recover import recover as recover_log
+
+    recovery = recover_log(log, out)
+    typer.echo(f"wrote {recovery.path}: {recovery.messages} messages, {recovery.whole_steps} whole steps")
+
+
+@app.command()
+def export(
+    log: LogFile,
+    out: Annotated[Path, typer.Option(help="The directory to write into.")],
+    form: Annotated[
+        Literal["csv", "jsonl", "npz"], typer.Option("--format", help="CSV tables, JSON lines or NumPy.")
+    ] = "csv",
+) -> None:
+    """Write a log's data as tables, JSON lines or arrays."""
+    from orchestrator.log.export import export as export_log
+
+    for path in export_log(log, form, out):
+        typer.echo(f"wrote {path}")

@@ -1,0 +1,137 @@
+"""Every kind a topology can name, by role: built in, from entry points, or a user's own class.
+
+A kind is named in one of three ways: by a registered name (``kalman``), as ``module:Class``, or as
+``path/to/file.py:Class``. A package registers kinds with entry points of the group of their role, for example
+``[project.entry-points."gauntlet.estimators"]`` with ``my_filter = "my_package.filters:MyFilter"``.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal, get_args
+
+from bus.kinds import KindError, content_hash, is_file_reference, load_class
+
+Role = Literal["plants", "sensors", "estimators", "graphs", "impairments", "attacks"]
+ROLES: tuple[Role, ...] = get_args(Role)
+
+_GENERATORS = "orchestrator.topology.graph_generators"
+
+BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
+    {
+        "plants": MappingProxyType(
+            {
+                "linear": "nodes.plants.linear:Linear",
+                "constant_acceleration": "nodes.plants.constant_acceleration:ConstantAcceleration",
+            }
+        ),
+        "sensors": MappingProxyType({"linear": "nodes.sensors.linear:Linear"}),
+        "estimators": MappingProxyType(
+            {
+                "kalman": "nodes.estimators.kalman:Kalman",
+                "kalman_centralized": "nodes.estimators.kalman_centralized:KalmanCentralized",
+                "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
+                "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",
+                "external": "nodes.estimators.external:External",
+            }
+        ),
+        "graphs": MappingProxyType(
+            {
+                "ring": f"{_GENERATORS}:Ring",
+                "grid": f"{_GENERATORS}:Grid",
+                "complete": f"{_GENERATORS}:Complete",
+                "random_geometric": f"{_GENERATORS}:RandomGeometric",
+            }
+        ),
+        "impairments": MappingProxyType(
+            {
+                "perfect": "channel.impairments.perfect:Perfect",
+                "bernoulli": "channel.impairments.bernoulli:Bernoulli",
+                "gilbert_elliott": "channel.impairments.gilbert_elliott:GilbertElliott",
+            }
+        ),
+        "attacks": MappingProxyType({"bias": "channel.attacks.bias:Bias"}),
+    }
+)
+
+
+class UnknownKindError(KindError):
+    """No role has a kind of this name; ``known`` lists what there is."""
+
+    def __init__(self, message: str, known: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.known = known
+
+
+@dataclass(frozen=True)
+class FoundKind:
+    """A kind that was found: the class, how a topology names it, and how a plan does.
+
+    ``name`` is what a resolved topology holds: the registered name, ``module:Class``, or the absolute path of
+    a file. ``short_name`` is what random streams are addressed by: it does not depend on where a file lies.
+    """
+
+    name: str
+    short_name: str
+    reference: str
+    type: type
+
+
+@functools.cache
+def registered(role: Role) -> MappingProxyType[str, str]:
+    """Return the registered kinds of a role: built-in names first, then those of entry points."""
+    from importlib.metadata import entry_points
+
+    kinds = dict(BUILT_IN[role])
+    for point in sorted(entry_points(group=f"gauntlet.{role}"), key=lambda point: point.name):
+        kinds.setdefault(point.name, point.value)
+    return MappingProxyType(kinds)
+
+
+def find_kind(role: Role, name: str, directory: Path) -> FoundKind:
+    """Return the kind of a name; paths of files are relative to ``directory``.
+
+    Raises
+    ------
+    UnknownKindError
+        When nothing of that name is registered.
+    KindError
+        When it is, but the class cannot be loaded.
+    """
+    if ":" not in name:
+        kinds = registered(role)
+        if name not in kinds:
+            raise UnknownKindError(f"there is no {role[:-1]} kind '{name}'", tuple(kinds))
+        return FoundKind(name, name, kinds[name], load_class(kinds[name]))
+    location, _, class_name = name.rpartition(":")
+    if is_file_reference(name):
+        name = f"{(directory / location).resolve()}:{class_name}"
+    return FoundKind(name, class_name, name, load_class(name))
+
+
+def describe_kinds() -> list[dict[str, str]]:
+    """Return every registered kind: its ``role``, ``name``, ``reference`` and one-line ``summary``."""
+    return [
+        {"role": role, "name": name, "reference": reference, "summary": _summary(reference)}
+        for role in ROLES
+        for name, reference in registered(role).items()
+    ]
+
+
+def _summary(reference: str) -> str:
+    try:
+        return (inspect.getdoc(load_class(reference)) or "").partition("\n")[0]
+    except KindError as error:
+        return f"cannot be loaded: {error}"
+
+
+def portable_name(name: str) -> str:
+    """Return the name by which a log knows a kind: a user's file by the hash of its content."""
+    location, _, class_name = name.rpartition(":")
+    if not is_file_reference(name):
+        return name
+    return f"sha256-{content_hash(Path(location))}:{class_name}"

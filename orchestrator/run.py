@@ -1,0 +1,118 @@
+"""One run from topology to verdict: directory, log, backend, score."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from bus.program import NodeError
+from orchestrator import exit_codes
+from orchestrator.backends.contract import Progress, RunFailedError, Timing
+from orchestrator.interrupts import Interrupted, raising_interrupts
+from orchestrator.log.errors import LogError
+from orchestrator.log.order import canonical_topics
+from orchestrator.log.provenance import provenance
+from orchestrator.log.recorder import Recorder
+from orchestrator.log.writer import LogWriter
+from orchestrator.run_directory import LOG, NODE_LOGS, SCORE, TIMING, TOPOLOGY
+from orchestrator.score.results import Score
+from orchestrator.score_of_log import score_of_log
+from orchestrator.topology.resolved import Topology
+
+Backend = Literal["processes", "inprocess"]
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """What became of a run. ``message`` says what went wrong, empty when it went to its end."""
+
+    directory: Path
+    exit_code: int
+    message: str
+    score: Score
+    timing: Timing
+    backend: Backend
+
+    def files(self) -> dict[str, str]:
+        """Return where things were written, by a word for each."""
+        names = {"log": LOG, "score": SCORE, "timing": TIMING, "node logs": NODE_LOGS}
+        return {word: str(self.directory / name) for word, name in names.items()}
+
+    def facts(self) -> dict[str, object]:
+        """Return the whole report as plain data, ready for JSON."""
+        return {
+            "directory": str(self.directory),
+            "exit_code": self.exit_code,
+            "message": self.message,
+            "score": msgspec.Raw(self.score.to_json()),
+            "timing": self.timing.facts(self.backend),
+        }
+
+
+def _pretty(facts: Mapping[str, object]) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(facts), indent=2) + b"\n"
+
+
+def _carry_out(
+    topology: Topology,
+    recorder: Recorder,
+    backend: Backend,
+    directory: Path,
+    progress: Progress,
+    timing: Timing,
+) -> tuple[int, str]:
+    """Run the backend; return the exit code so far and what went wrong."""
+    try:
+        with raising_interrupts():
+            if backend == "processes":
+                from orchestrator.backends.processes import run_in_processes
+
+                log_dir = directory / NODE_LOGS
+                run_in_processes(topology.plan, recorder, topology.settings, log_dir, progress, timing)
+            else:
+                from orchestrator.backends.inprocess import run_in_one_process
+
+                run_in_one_process(topology.plan, recorder, topology.settings, progress, timing)
+    except Interrupted as interrupt:
+        return interrupt.exit_code, f"interrupted by {interrupt}"
+    except (RunFailedError, LogError) as error:
+        return exit_codes.RUN_FAILED, str(error)
+    except NodeError as error:
+        sys.excepthook(type(error), error, error.__traceback__)
+        return exit_codes.RUN_FAILED, str(error)
+    return exit_codes.PASSED, ""
+
+
+def run_topology(topology: Topology, directory: Path, backend: Backend, progress: Progress) -> RunReport:
+    """Run a topology and write log, score, timing, resolved topology and node logs into the directory.
+
+    Whatever happens to the run, what was recorded is kept and scored; only a log that cannot be written ends without.
+    """
+    plan = topology.plan
+    (directory / TOPOLOGY).write_text(topology.resolved_yaml())
+    timing = Timing()
+    facts = provenance(plan, topology.hash)
+    with LogWriter(directory / LOG, facts, topology.experiment_json(), canonical_topics(plan)) as writer:
+        recorder = Recorder(plan, writer, topology.settings.window)
+        code, message = _carry_out(topology, recorder, backend, directory, progress, timing)
+        try:
+            recorder.write_partial_steps()
+            writer.flush()
+            result = score_of_log(directory / LOG)
+            writer.finish(recorder.outcome(), result.to_json())
+        except LogError as error:
+            code, message = exit_codes.RUN_FAILED, message or str(error)
+            result = score_of_log(directory / LOG)
+    try:
+        (directory / SCORE).write_bytes(result.to_json())
+        (directory / TIMING).write_bytes(_pretty(timing.facts(backend)))
+    except OSError as error:
+        code, message = exit_codes.RUN_FAILED, message or f"{error.filename}: {error.strerror}"
+    if code == exit_codes.PASSED and not result.passed:
+        code = exit_codes.EXPECTATION_FAILED
+    return RunReport(directory, code, message, result, timing, backend)

@@ -1,0 +1,54 @@
+"""Where a run writes: a directory of its own, never another run's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from orchestrator.errors import InputError
+
+LOG = "run.mcap"
+SCORE = "score.json"
+TIMING = "timing.json"
+TOPOLOGY = "topology.yaml"
+NODE_LOGS = "nodes"
+
+_MOST_RUNS = 100_000
+
+
+class RunDirectoryError(InputError):
+    """The directory cannot be used; the message tells the cure."""
+
+
+def make_run_directory(out: Path | None, name: str, seed: int) -> Path:
+    """Make and return the directory of a new run, with its folder for the nodes' logs.
+
+    Without ``out`` it is the first free ``runs/<name>-seed<seed>-<n>``. Raises `RunDirectoryError` when ``out`` holds a
+    run already or cannot be written.
+    """
+    try:
+        directory = _first_free(Path("runs"), f"{name}-seed{seed}") if out is None else _chosen(out)
+        (directory / NODE_LOGS).mkdir(exist_ok=True)
+    except OSError as error:
+        raise RunDirectoryError(f"{error.filename}: {error.strerror}; choose another --out") from error
+    return directory
+
+
+def _chosen(out: Path) -> Path:
+    if (out / LOG).exists():
+        raise RunDirectoryError(f"{out} holds a run already; remove it or choose another --out")
+    out.mkdir(parents=True, exist_ok=True)
+    return out
+
+
+def _first_free(parent: Path, stem: str) -> Path:
+    parent.mkdir(parents=True, exist_ok=True)
+    for number in range(1, _MOST_RUNS):
+        directory = parent / f"{stem}-{number}"
+        try:
+            directory.mkdir()
+        except FileExistsError:
+            continue
+        return directory
+    raise RunDirectoryError(
+        f"{parent} holds {_MOST_RUNS} runs of {stem}; remove some or choose another --out"
+    )

@@ -1,0 +1,23 @@
+"""The score of a log, from nothing but the log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from orchestrator.log.reader import read_log
+from orchestrator.score.results import Score
+from orchestrator.score.scoring import score
+from orchestrator.topology.experiment import topology_from_experiment
+
+
+def score_of_log(path: Path) -> Score:
+    """Return the score of a log, whole or cut off; raises `orchestrator.log.errors.LogError` for anything else."""
+    log = read_log(path, check=False)
+    experiment = topology_from_experiment(log.topology_json)
+    return score(
+        experiment.plan,
+        log.records(),
+        state_groups=experiment.state_groups,
+        options=experiment.score_options,
+        expectations=experiment.expectations,
+    )

@@ -1,0 +1,1 @@
+"""Topology files: read, validated, resolved to plans. Start at `orchestrator.topology.load`."""

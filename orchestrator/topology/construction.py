@@ -1,0 +1,123 @@
+"""Builds every node and stage once, to find what only their classes know."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
+
+from bus.random_streams import random_stream
+from channel.contract import Placement
+from nodes.contract import Estimator, Plant, Sensor, Setting
+from orchestrator.topology.draft import CheckedKind, Draft
+from orchestrator.topology.placement import PlacedStage
+from orchestrator.topology.problems import PathKeys
+
+T = TypeVar("T")
+
+
+def _tried(draft: Draft, path: PathKeys, what: str, build: Callable[[], T]) -> T | None:
+    """Return what ``build`` makes; its refusal is noted at the path."""
+    try:
+        return build()
+    except ValueError as error:
+        draft.complain(path, f"{what}: {error}")
+    except Exception as error:
+        draft.complain(path, f"{what} cannot be constructed: {type(error).__name__}: {error}")
+    return None
+
+
+def build_plant(draft: Draft, checked: CheckedKind) -> Plant | None:
+    """Return the plant, None when its class refuses."""
+    period_s = draft.sections["period_s"]
+    plant: Plant | None = _tried(
+        draft,
+        ("plant",),
+        f"plant {checked.found.short_name}",
+        lambda: checked.found.type(period_s, **checked.parameters),
+    )
+    if plant is None:
+        return None
+    missing = [
+        name for name in ("state_groups", "initial_mean", "initial_covariance") if not hasattr(plant, name)
+    ]
+    if missing:
+        draft.complain(
+            ("plant", "model"), f"a plant needs the attribute '{missing[0]}'", "see nodes/contract.py"
+        )
+        return None
+    return plant
+
+
+def build_sensors(draft: Draft, kinds: Mapping[str, CheckedKind], plant: Plant) -> dict[str, Sensor]:
+    """Return the sensors whose classes accept."""
+    built: dict[str, Sensor] = {}
+    for name, checked in kinds.items():
+        sensor: Sensor | None = _built_sensor(draft, name, checked, plant)
+        if sensor is not None:
+            built[name] = sensor
+    return built
+
+
+def _built_sensor(draft: Draft, name: str, checked: CheckedKind, plant: Plant) -> Any:
+    what = f"sensor {checked.found.short_name}"
+    return _tried(draft, ("sensors", name), what, lambda: checked.found.type(plant, **checked.parameters))
+
+
+class EstimatorBuilder:
+    """Builds estimators with the neighbours that are asked for."""
+
+    def __init__(
+        self,
+        draft: Draft,
+        kinds: Mapping[str, CheckedKind],
+        plant: Plant,
+        sensors: Mapping[str, Sensor],
+        listens: Mapping[str, Sequence[str]],
+    ) -> None:
+        self._draft = draft
+        self._kinds = kinds
+        self._plant = plant
+        self._sensors = sensors
+        self._listens = listens
+
+    def build(self, name: str, neighbours: Mapping[str, float]) -> Estimator | None:
+        """Return an estimator, None when its class refuses."""
+        checked = self._kinds[name]
+        setting = Setting(
+            name=name,
+            plant=self._plant,
+            sensors={sensor: self._sensors[sensor] for sensor in self._listens[name]},
+            neighbours=dict(sorted(neighbours.items())),
+            rng=random_stream(self._draft.sections["seed"], self._draft.sections["trial"], name, "estimator"),
+        )
+        what = f"estimator {checked.found.short_name}"
+        path = ("estimators", name)
+        return _tried(self._draft, path, what, lambda: checked.found.type(setting, **checked.parameters))
+
+    def rounds(self, name: str, neighbours: Mapping[str, float]) -> int:
+        """Return the exchange rounds of an estimator with these neighbours; 0 when it cannot tell (noted)."""
+        built = self.build(name, neighbours)
+        if built is None:
+            return 0
+        rounds = getattr(built, "rounds", None)
+        if not isinstance(rounds, int) or isinstance(rounds, bool) or rounds < 0:
+            path = ("estimators", name, "method")
+            self._draft.complain(
+                path, "an estimator needs the attribute 'rounds', at least 0", "see nodes/contract.py"
+            )
+            return 0
+        return rounds
+
+
+def build_stages(draft: Draft, placed: Sequence[PlacedStage]) -> None:
+    """Note what the classes of the stages refuse."""
+    seed, trial = draft.sections["seed"], draft.sections["trial"]
+    for stage in placed:
+        plan, checked = stage.plan, stage.declared.checked
+        generators = {
+            name: random_stream(seed, trial, name, plan.purpose) for name in set(plan.streams.values())
+        }
+        placement = Placement(plan.label, plan.streams, generators)
+        build = functools.partial(checked.found.type, placement, **checked.parameters)
+        _tried(draft, stage.declared.path, checked.found.short_name, build)

@@ -1,0 +1,111 @@
+"""The JSON Schema of topology files, for editors: the sections, and in them the parameters of every kind."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from bus.kinds import KindError
+from orchestrator.registry import BUILT_IN, Role, find_kind, registered
+from orchestrator.topology.parameters import parameters_model
+from orchestrator.topology.schema import AttackSection, EstimatorSection, TopologyFile
+from orchestrator.topology.stages import STAGE_OPTIONS
+
+_USERS_OWN = ":"
+_Schema = dict[str, Any]
+
+
+def schema(*, installed: bool = True) -> _Schema:
+    """Return the JSON Schema; without ``installed``, of the built-in kinds only."""
+    definitions: _Schema = {}
+    whole = TopologyFile.model_json_schema(ref_template="#/$defs/{model}")
+    definitions.update(whole.pop("$defs"))
+    makers = _Kinds(definitions, installed)
+    definitions["PlantSection"] = makers.node("plants", "model", {})
+    definitions["SensorSection"] = makers.node("sensors", "model", {})
+    listening = EstimatorSection.model_json_schema()["properties"]["sensors"]
+    definitions["EstimatorSection"] = makers.node("estimators", "method", {"sensors": listening})
+    definitions["GraphSection"] = makers.members("graphs", definitions["GraphSection"], {})
+    definitions["AttackSection"] = makers.members(
+        "attacks", definitions["AttackSection"], {}, also=("impairments",)
+    )
+    options = {key: AttackSection.model_json_schema()["properties"][key] for key in STAGE_OPTIONS}
+    definitions["Stage"] = makers.members("impairments", {"type": "object", "properties": {}}, options)
+    stage = {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/Stage"}]}
+    stages = {"anyOf": [*stage["anyOf"], {"type": "array", "items": stage}, {"type": "null"}]}
+    whole["properties"]["channel"]["additionalProperties"] = stages
+    for section in ("sensors", "estimators"):
+        members = whole["properties"][section]["additionalProperties"]
+        whole["properties"][section]["additionalProperties"] = {"anyOf": [members, {"type": "null"}]}
+    whole.pop("required", None)  # a base, or a file that extends one, may leave anything out
+    whole["title"] = "Gauntlet topology"
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **whole, "$defs": definitions}
+
+
+def schema_text() -> str:
+    """Return the text of docs/topology.schema.json: the same on every machine."""
+    return json.dumps(schema(installed=False), indent=1, ensure_ascii=False) + "\n"
+
+
+class _Kinds:
+    """Makes schemas of sections that name kinds. Files may be partial, so nothing is required."""
+
+    def __init__(self, definitions: _Schema, installed: bool) -> None:
+        self._definitions = definitions
+        self._installed = installed
+
+    def node(self, role: Role, key: str, own: Mapping[str, Any]) -> _Schema:
+        """Return the schema of a node: ``key`` names its kind, and decides which parameters it has."""
+        names = self._names(role)
+        choice = {"anyOf": [{"enum": names}, {"type": "string", "pattern": _USERS_OWN}]}
+        rules = []
+        for name in names:
+            parameters = self._parameters(role, name)
+            if parameters is not None:
+                allowed = {key: True, **own, **parameters["properties"]}
+                then = {"properties": allowed, "additionalProperties": False}
+                rules.append({"if": {"properties": {key: {"const": name}}, "required": [key]}, "then": then})
+        return {"type": "object", "properties": {key: choice, **own}, "allOf": rules}
+
+    def members(
+        self, role: Role, section: _Schema, options: Mapping[str, Any], also: Iterable[Role] = ()
+    ) -> _Schema:
+        """Return the schema of a mapping whose kind is a member, beside the section's own keys."""
+        properties = dict(section.get("properties", {}))
+        for each in (role, *also):
+            for name in self._names(each):
+                parameters = self._parameters(each, name)
+                if parameters is not None:
+                    allowed = {**parameters["properties"], **options}
+                    body = {**parameters, "properties": allowed}
+                    body.pop("required", None)
+                    properties[name] = {"anyOf": [body, {"type": "null"}]}
+        users_own = {_USERS_OWN: {"type": ["object", "null"]}}
+        kept = {key: value for key, value in section.items() if key not in ("properties", "required")}
+        return {
+            **kept,
+            "properties": properties,
+            "patternProperties": users_own,
+            "additionalProperties": False,
+        }
+
+    def _names(self, role: Role) -> list[str]:
+        return list(registered(role) if self._installed else BUILT_IN[role])
+
+    def _parameters(self, role: Role, name: str) -> _Schema | None:
+        """Return the schema of a kind's parameters, None when the kind cannot be loaded here."""
+        try:
+            model = parameters_model(find_kind(role, name, Path.cwd()), role)
+        except KindError:
+            return None
+        body = model.model_json_schema(by_alias=True, ref_template="#/$defs/{model}")
+        self._definitions.update(body.pop("$defs", {}))
+        body.pop("title", None)
+        return {**body, "properties": body.get("properties", {})}
+
+
+if __name__ == "__main__":
+    sys.stdout.write(schema_text())
