@@ -15,15 +15,6 @@ def paced(plan: Plan) -> tuple[str, ...]:
     return (plan.plant.name, *(own.name for own in plan.estimators if not own.sensors))
 
 
-def hears(plan: Plan, name: str) -> str:
-    """Return the one key expression that covers all topics that a process receives while the run goes on."""
-    if name == CHANNEL:
-        return keys.tx("*", "*")
-    if any(sensor.name == name for sensor in plan.sensors):
-        return keys.truth(plan.plant.name)
-    return keys.rx(name, "*")
-
-
 def inputs(plan: Plan, name: str) -> tuple[str, ...]:
     """Return the topics that a process receives while the run goes on."""
     if name == CHANNEL:
@@ -36,6 +27,15 @@ def inputs(plan: Plan, name: str) -> tuple[str, ...]:
             exchanged = (keys.rx(name, keys.EXCHANGE),) if own.rounds and own.neighbours else ()
             return measured + exchanged
     return (keys.truth(plan.plant.name),)
+
+
+def subscriptions(plan: Plan, name: str) -> tuple[str, ...]:
+    """Return the key expressions to which a process subscribes for its inputs.
+
+    A node has one for each of its topics, so that it can wait for the very one that it needs and sleep
+    through the others. The channel takes whatever comes, from one.
+    """
+    return (keys.tx("*", "*"),) if name == CHANNEL else inputs(plan, name)
 
 
 def outputs(plan: Plan, name: str) -> tuple[str, ...]:
@@ -69,6 +69,6 @@ def grant(plan: Plan, run: str, name: str) -> Grant:
     return Grant(
         user=name,
         may_put=spelled((*outputs(plan, name), keys.finished(name))),
-        may_subscribe=spelled((hears(plan, name), keys.START, keys.STOP)),
+        may_subscribe=spelled((*subscriptions(plan, name), keys.START, keys.STOP)),
         alive=prefix + keys.alive(name),
     )

@@ -1,4 +1,4 @@
-"""What a process lets in: every message from the bus is checked before a program sees it, and refusals are counted."""
+"""What a process lets in: every message is checked before a program sees it, and refusals are counted."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def _decoder_of(topic: str) -> msgspec.json.Decoder[Any]:
 class Intake:
     """Decodes payloads and admits of every topic exactly the next slot.
 
-    Malformed, duplicate, stale and premature messages are refused and counted by topic in `rejected`. ``rounds`` gives
-    the slots in a step of topics that have more than one.
+    Malformed, duplicate, stale and premature messages are refused and counted by topic in `rejected`.
+    ``rounds`` gives the slots in a step of topics that have more than one.
     """
 
     def __init__(self, rounds: Mapping[str, int]) -> None:

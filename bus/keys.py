@@ -33,7 +33,7 @@ def tx(node: str, stream: str) -> str:
 
 
 def rx(node: str, phase: str) -> str:
-    """Return the topic of a node's inbox: what the channel let through to it in a phase (`CORRECT` or `EXCHANGE`)."""
+    """Return the topic of a node's inbox: what reaches it in a phase (`CORRECT` or `EXCHANGE`)."""
     return f"rx/{node}/{phase}"
 
 

@@ -1,7 +1,8 @@
 """The messages, and their one JSON encoding for the wire and the log.
 
-Rules that log viewers impose: flat fields only, a matrix as a row-major list beside its shape, no null unions, no
-integer above 2**53, no NaN or infinity. Numbers are written as shortest round-trip decimals: text loses no bit.
+Rules that log viewers impose: flat fields only, a matrix as a row-major list beside its shape, no null
+unions, no integer above 2**53, no NaN or infinity. Numbers are written as shortest round-trip decimals: text
+loses no bit.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ class Truth(Message, frozen=True, kw_only=True):
 class Transmission(Message, frozen=True, kw_only=True):
     """One sender's slot: zero, one or many packets, the same for all the links that leave it.
 
-    ``sequence`` numbers the packets of the stream; packet i owns ``values[offset[i]:offset[i + 1]]``, the last one
-    the rest. ``round`` counts the exchange rounds inside a step (0 for measurements). Empty lists are a quiet slot.
+    ``sequence`` numbers the packets of the stream; packet i owns ``values[offset[i]:offset[i + 1]]``, the
+    last one the rest. ``round`` counts the exchange rounds inside a step (0 for measurements). Empty lists
+    are a quiet slot.
     """
 
     round: int
@@ -41,8 +43,8 @@ class Transmission(Message, frozen=True, kw_only=True):
 class Inbox(Message, frozen=True, kw_only=True):
     """All packets that reach one receiver in one phase of a step, as parallel lists, a packet an entry.
 
-    ``source`` sent the packet in step ``sent_step`` as number ``sequence`` of its stream; ``kind`` names the stream
-    and with it the layout of ``values``. Packet i owns ``values[offset[i]:offset[i + 1]]``.
+    ``source`` sent the packet in step ``sent_step`` as number ``sequence`` of its stream; ``kind`` names the
+    stream and with it the layout of ``values``. Packet i owns ``values[offset[i]:offset[i + 1]]``.
     """
 
     round: int
@@ -57,10 +59,11 @@ class Inbox(Message, frozen=True, kw_only=True):
 class Estimate(Message, frozen=True, kw_only=True):
     """An estimator's belief about the state at step ``refers_to``.
 
-    ``state`` (n,), ``covariance`` row-major with ``covariance_shape`` [n, n], ``sigma`` (n,) the square roots of its
-    diagonal. A diverged estimator sets ``diverged`` and leaves the lists empty. ``nis`` is the normalised innovation
-    squared of this step's packets with ``nis_dof`` degrees of freedom (0: no packet). Entry i of the ``detector_*``
-    lists is the verdict on one packet: its source, test statistic, and whether it raised the alarm.
+    ``state`` (n,), ``covariance`` row-major with ``covariance_shape`` [n, n], ``sigma`` (n,) the square roots
+    of its diagonal. A diverged estimator sets ``diverged`` and leaves the lists empty. ``nis`` is the
+    normalised innovation squared of this step's packets with ``nis_dof`` degrees of freedom (0: no packet).
+    Entry i of the ``detector_*`` lists is the verdict on one packet: its source, test statistic, and whether
+    it raised the alarm.
     """
 
     refers_to: int
@@ -82,9 +85,10 @@ class Estimate(Message, frozen=True, kw_only=True):
 class ChannelEvents(Message, frozen=True, kw_only=True):
     """What the channel did in one phase of a step; the ground truth that scores the detectors.
 
-    Entry i of ``link``, ``sent``, ``lost``, ``attacked``, ``delivered`` accounts for the packets of one link. The
-    ``event_*`` lists hold one entry for each thing a stage did: on which link, by which stage, to which packet, what
-    (``lost`` or ``attacked``), and by how much (Euclidean norm of the change of the values; 0 for a loss).
+    Entry i of ``link``, ``sent``, ``lost``, ``attacked``, ``delivered`` accounts for the packets of one link.
+    The ``event_*`` lists hold one entry for each thing a stage did: on which link, by which stage, to which
+    packet, what (``lost`` or ``attacked``), and by how much (Euclidean norm of the change of the values; 0
+    for a loss).
     """
 
     round: int

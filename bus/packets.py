@@ -16,8 +16,8 @@ Vector = NDArray[np.float64]
 class Packet(msgspec.Struct, frozen=True):
     """One packet: who sent it in which step, its number in its stream, and its payload ``values`` (m,).
 
-    ``kind`` is the stream's name and with it the meaning of ``values``. A struct, because it costs an eighth of a
-    frozen dataclass, and there are hundreds in a step.
+    ``kind`` is the stream's name and with it the meaning of ``values``. A struct, because it costs an eighth
+    of a frozen dataclass, and there are hundreds in a step.
     """
 
     source: str
@@ -27,33 +27,44 @@ class Packet(msgspec.Struct, frozen=True):
     values: Vector
 
 
-def _split(values: list[float], offset: list[int]) -> list[Vector]:
+def _payloads(values: list[float], offset: list[int]) -> list[Vector]:
     """Return the payload of each packet; raises ValueError when the offsets do not partition the values."""
-    ends = [*offset[1:], len(values)]
-    if offset[:1] != [0] or any(begin > end for begin, end in zip(offset, ends, strict=True)):
-        raise ValueError(f"offsets {offset} do not partition {len(values)} values")
     whole = np.array(values)
-    return [whole[begin:end] for begin, end in zip(offset, ends, strict=True)]
+    payloads = []
+    begin = offset[0] if offset else -1
+    fits = begin == 0
+    for end in (*offset[1:], len(values)):
+        fits = fits and begin <= end
+        payloads.append(whole[begin:end])
+        begin = end
+    if not fits:
+        raise ValueError(f"offsets {offset} do not partition {len(values)} values")
+    return payloads
 
 
 def packets_of_transmission(message: Transmission, source: str, kind: str) -> list[Packet]:
     """Return the packets of a sender's slot; raises ValueError when its lists do not fit one another."""
-    if not message.sequence:
+    sequences = message.sequence
+    if len(sequences) != len(message.offset):
+        raise ValueError(f"{len(sequences)} sequence numbers for {len(message.offset)} offsets")
+    if not sequences:
         return []
-    payloads = _split(message.values, message.offset)
+    payloads = _payloads(message.values, message.offset)
     return [
         Packet(source, message.step, sequence, kind, values)
-        for sequence, values in zip(message.sequence, payloads, strict=True)
+        for sequence, values in zip(sequences, payloads, strict=True)
     ]
 
 
 def packets_of_inbox(message: Inbox) -> list[Packet]:
-    """Return the packets of an inbox in its order; raises ValueError when its lists do not fit one another."""
+    """Return the packets of an inbox in order; raises ValueError when its lists do not fit one another."""
+    columns = (message.source, message.sent_step, message.sequence, message.kind)
+    lengths = {len(message.offset), *(len(column) for column in columns)}
+    if len(lengths) > 1:
+        raise ValueError(f"the lists of an inbox have different lengths: {sorted(lengths)}")
     if not message.source:
         return []
-    payloads = _split(message.values, message.offset)
-    columns = zip(message.source, message.sent_step, message.sequence, message.kind, payloads, strict=True)
-    return [Packet(*column) for column in columns]
+    return list(map(Packet, *columns, _payloads(message.values, message.offset)))
 
 
 def transmission(step: int, t: float, round_: int, sequence: int, values: list[float] | None) -> Transmission:

@@ -1,6 +1,7 @@
-"""A run, fully resolved: what every process is told of its own part. Plain picklable data, no objects of ours.
+"""A run, fully resolved: what every process is told of its own part, as plain picklable data.
 
-The orchestrator makes a plan from a topology file; nodes and channel are built from it, in one process or in many.
+The orchestrator makes a plan from a topology file; nodes and channel are built from it, in one process or in
+many.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Kind:
-    """A registered kind and its parameters: ``reference`` is ``module:Class`` or ``/path/to/file.py:Class``."""
+    """A kind and its parameters: ``reference`` is ``module:Class`` or ``/path/to/file.py:Class``."""
 
     reference: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
@@ -36,7 +37,7 @@ class SensorPlan:
 
 @dataclass(frozen=True)
 class EstimatorPlan:
-    """An estimator node: the sensors it listens to and its in-neighbours with their weights ``h_ij``, sorted."""
+    """An estimator node: the sensors it hears, and its in-neighbours with their weights ``h_ij``, sorted."""
 
     name: str
     kind: Kind
@@ -49,8 +50,9 @@ class EstimatorPlan:
 class StagePlan:
     """One stage of the channel: one kind, over all the links it is declared for.
 
-    ``label`` names it in the log. ``streams`` gives each link (by `LinkPlan.name`) the name of its random stream:
-    links of one name share one chain and its draws. ``first`` and ``last`` bound the steps, both inclusive, in which it acts.
+    ``label`` names it in the log. ``streams`` gives each link (by `LinkPlan.name`) the name of its random
+    stream: links of one name share one chain and its draws. ``first`` and ``last`` bound the steps, both
+    inclusive, in which it acts.
     """
 
     label: str

@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import gc
-import resource
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-
-import msgspec
+from typing import Any
 
 from bus import keys
-from bus.grants import hears, inputs, outputs
+from bus.grants import inputs, outputs, subscriptions
 from bus.intake import Intake
-from bus.messages import Finished, encode
+from bus.messages import Finished, Message, encode
 from bus.plan import Plan
-from bus.program import Port, Program, Scheduler
+from bus.program import Port, Program, Scheduler, run_alone
+from bus.usage import own_usage
 from bus.zenoh_bus import Client
-
-_START, _STOP = (
-    1,
-    2,
-)  # subscriptions beside the data's; a fast neighbour's slot may overtake the start, and waits
-_MEMORY_UNIT = 1 if sys.platform == "darwin" else 1024
 
 
 @dataclass(frozen=True)
@@ -48,7 +40,7 @@ class _BusPort:
         self._client = client
         self._prefix = prefix
 
-    def send(self, topic: str, message: msgspec.Struct) -> None:
+    def send(self, topic: str, message: Message | Finished) -> None:
         self._client.put(self._prefix + topic, encode(message))
 
 
@@ -66,46 +58,86 @@ def _messages_a_step(plan: Plan, name: str) -> int:
     return sum(rounds.get(topic, 1) for topic in inputs(plan, name))
 
 
+class _Receiver:
+    """Receives from the bus, lets in what is admitted, and waits no longer than supervision would."""
+
+    def __init__(self, client: Client, plan: Plan, own: Membership) -> None:
+        self._client = client
+        self._prefix = keys.prefix(own.run)
+        self._subscription = {topic: number for number, topic in enumerate(subscriptions(plan, own.name))}
+        self._patience_s = 2.0 * own.stall_s + 10.0  # supervision speaks first, and knows more
+        self.intake = Intake(rounds_of_topics(plan))
+
+    def tells_apart(self, topics: Sequence[str]) -> bool:
+        """Return whether each of the topics has a subscription of its own."""
+        return all(topic in self._subscription for topic in topics)
+
+    def wait_for(self, topic: str) -> None:
+        """Wait for the orchestrator's word."""
+        words = {keys.START: len(self._subscription), keys.STOP: len(self._subscription) + 1}
+        self._client.receive(self._patience_s, words[topic])
+
+    def next_of(self, topic: str) -> Any:
+        """Return the next message of a topic that has a subscription of its own."""
+        number = self._subscription[topic]
+        while True:
+            message = self.intake.admit(topic, self._client.receive(self._patience_s, number)[1])
+            if message is not None:
+                return message
+
+    def next_of_any(self) -> tuple[str, Any]:
+        """Return the next message of the first subscription, with its topic."""
+        while True:
+            key, payload = self._client.receive(self._patience_s)
+            topic = key.removeprefix(self._prefix)
+            message = self.intake.admit(topic, payload)
+            if message is not None:
+                return topic, message
+
+
+def _run_programs(programs: Sequence[tuple[Program, Sequence[str]]], receiver: _Receiver) -> None:
+    """Run a node's program, which knows what it waits for, or several programs on whatever comes."""
+    if len(programs) == 1 and receiver.tells_apart(programs[0][1]):
+        run_alone(programs[0][0], receiver.next_of)
+        return
+    scheduler = Scheduler()
+    for program, topics in programs:
+        scheduler.add(program, topics)
+    scheduler.run()
+    while not scheduler.finished:
+        scheduler.deliver(*receiver.next_of_any())
+        scheduler.run()
+
+
 def run_process(plan: Plan, own: Membership, build: Build) -> None:
     """Take part in a run from the first step to the last.
 
-    Raises `BusTimeout` when nothing comes for longer than supervision would wait, and whatever the programs raise.
+    Raises `bus.zenoh_bus.BusTimeout` when nothing comes for longer than supervision would wait, and whatever
+    the programs raise.
     """
     prefix = keys.prefix(own.run)
-    patience_s = 2.0 * own.stall_s + 10.0  # supervision speaks first, and knows more
     with Client(
         own.endpoint,
         own.name,
         own.password,
-        subscribe=[prefix + topic for topic in (hears(plan, own.name), keys.START, keys.STOP)],
+        subscribe=[prefix + topic for topic in (*subscriptions(plan, own.name), keys.START, keys.STOP)],
         publish=[prefix + topic for topic in (*outputs(plan, own.name), keys.finished(own.name))],
         backlog=_messages_a_step(plan, own.name) * (own.window + 1) + 1,
         stall_s=own.stall_s,
     ) as client:
         port = _BusPort(client, prefix)
-        scheduler = Scheduler()
-        for program, topics in build(port):
-            scheduler.add(program, topics)
+        programs = build(port)
+        receiver = _Receiver(client, plan, own)
         gc.freeze()  # what is there now stays; collections need not look at it again
         client.announce(prefix + keys.alive(own.name))
-        client.receive(patience_s, _START)
-        intake = Intake(rounds_of_topics(plan))
-        scheduler.run()
-        while not scheduler.finished:
-            key, payload = client.receive(patience_s)
-            topic = key.removeprefix(prefix)
-            message = intake.admit(topic, payload)
-            if message is not None:
-                scheduler.deliver(topic, message)
-                scheduler.run()
-        port.send(keys.finished(own.name), _last_words(intake))
-        client.receive(patience_s, _STOP)
+        receiver.wait_for(
+            keys.START
+        )  # a fast neighbour's slot may overtake it, and waits in its subscription
+        _run_programs(programs, receiver)
+        port.send(keys.finished(own.name), _last_words(receiver.intake))
+        receiver.wait_for(keys.STOP)
 
 
 def _last_words(intake: Intake) -> Finished:
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return Finished(
-        cpu_s=usage.ru_utime + usage.ru_stime,
-        peak_memory_bytes=usage.ru_maxrss * _MEMORY_UNIT,
-        rejected=dict(intake.rejected),
-    )
+    cpu_s, peak_memory_bytes = own_usage()
+    return Finished(cpu_s=cpu_s, peak_memory_bytes=peak_memory_bytes, rejected=dict(intake.rejected))

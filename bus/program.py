@@ -1,8 +1,8 @@
 """Programs: what runs on the bus, written once for one process and for many.
 
-A program is a generator that yields the topic it waits for and is sent the next message of that topic. It sends through
-a `Port`, which never blocks it. Such programs form a Kahn process network: what they compute cannot depend on the order
-in which they are run, only on what they are sent.
+A program is a generator that yields the topic it waits for and is sent the next message of that topic. It
+sends through a `Port`, which never blocks it. Such programs form a Kahn process network: what they compute
+cannot depend on the order in which they are run, only on what they are sent.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from typing import Any, Protocol
 
-import msgspec
+from bus.messages import Message
 
 Program = Generator[str, Any, None]
 
@@ -19,7 +19,7 @@ Program = Generator[str, Any, None]
 class Port(Protocol):
     """Where a program sends to."""
 
-    def send(self, topic: str, message: msgspec.Struct) -> None:
+    def send(self, topic: str, message: Message) -> None:
         """Send a message on a topic."""
         ...
 
@@ -46,8 +46,18 @@ def every_step(name: str, steps: int, one_step: Callable[[int], Program]) -> Pro
             raise NodeError(name, step, error) from error
 
 
+def run_alone(program: Program, receive: Callable[[str], Any]) -> None:
+    """Run one program to its end; ``receive`` waits for the next message of a topic."""
+    try:
+        topic = next(program)
+        while True:
+            topic = program.send(receive(topic))
+    except StopIteration:
+        return
+
+
 class _Task:
-    """A program, the queue of every topic it receives, and the topic it waits for (None: it is ready or done)."""
+    """A program, a queue for each of its topics, and the topic it waits for: None when it is ready or done."""
 
     __slots__ = ("program", "queues", "waits_for")
 

@@ -1,7 +1,8 @@
 """Addressed random streams: the same address always gives the same draws, whoever else draws.
 
 An address is (seed, trial, name, purpose). Names are hashed with BLAKE2, which is stable over processes and
-versions, and the generator is counter-based, so adding a node, an attack or an estimator shifts nobody's draws.
+versions, and the generator is counter-based, so adding a node, an attack or an estimator shifts nobody's
+draws.
 """
 
 from __future__ import annotations

@@ -78,8 +78,8 @@ def _prove_puts(router: Router, client: Client, probe: Probe, timeout_s: float) 
 
 
 def _prove_subscriptions(router: Router, client: Client, probe: Probe, timeout_s: float) -> None:
-    # The client subscribed before it sent what `_prove_puts` has received: the router knows what it wants. One link
-    # keeps order: when the allowed message is there, the forbidden one before it was refused.
+    # The client subscribed before it sent what `_prove_puts` has received: the router knows what it wants.
+    # One link keeps order: when the allowed message is there, the forbidden one before it was refused.
     nonce = secrets.token_bytes(8)
     router.put(probe.forbidden_subscribe, nonce)
     router.put(probe.allowed_subscribe, nonce)
@@ -87,9 +87,7 @@ def _prove_subscriptions(router: Router, client: Client, probe: Probe, timeout_s
         while client.receive(timeout_s, _ALLOWED)[1] != nonce:
             pass
     except BusTimeout:
-        raise BusError(
-            f"{probe.user!r} may hear {probe.allowed_subscribe!r}, but the router refused it"
-        ) from None
+        raise BusError(f"{probe.user!r} may hear {probe.allowed_subscribe!r}, but was refused") from None
     while (heard := client.poll(_FORBIDDEN)) is not None:
         if heard[1] == nonce:
             raise BusError(f"{probe.user!r} was not refused to hear {probe.forbidden_subscribe!r}")

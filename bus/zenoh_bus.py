@@ -193,8 +193,8 @@ class Client:
         Key expressions to receive from, each with a queue of its own, and keys to send on; `announce`
         declares them.
     backlog
-        Messages that a queue holds. Zenoh's receiving thread fills it without the interpreter's lock; when it is
-        full, that thread waits, and with it all else that comes: let it hold whatever may be under way.
+        Messages that a queue holds. Zenoh's receiving thread fills it without the interpreter's lock; when it
+        is full, that thread waits, and with it all else that comes: let it hold whatever may be under way.
     stall_s
         The run's stall deadline in seconds.
     """
@@ -215,6 +215,7 @@ class Client:
         self._backlog = backlog
         self._stall_s = stall_s
         self._subscribers: list[zenoh.Subscriber[Any]] = []
+        self._channels: list[zenoh.Handler[zenoh.Sample]] = []
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._router_gone = False
         self._deadline = math.inf
@@ -246,11 +247,12 @@ class Client:
         Without the wait, a client keeps back what it believes that nobody hears.
         """
         for key_expr in self._subscribe:
-            channel = zenoh.handlers.FifoChannel(self._backlog)
+            channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(self._backlog)
             subscriber = self._session.declare_subscriber(
                 key_expr, channel, allowed_origin=zenoh.Locality.REMOTE
             )
             self._subscribers.append(subscriber)
+            self._channels.append(subscriber.handler)
         for key in self._publish:
             self._publishers[key] = self._session.declare_publisher(
                 key,
@@ -281,7 +283,7 @@ class Client:
         """
         self._deadline = time.monotonic() + timeout_s
         try:
-            sample = self._subscribers[subscription].handler.recv()
+            sample = self._channels[subscription].recv()
         except zenoh.ZError:
             if self._router_gone:
                 raise BusError(f"{self.user}: the router is gone, the run is over") from None
@@ -291,7 +293,7 @@ class Client:
 
     def poll(self, subscription: int = 0) -> tuple[str, bytes] | None:
         """Return the next message of a subscription if it is here already."""
-        sample = self._subscribers[subscription].handler.try_recv()
+        sample = self._channels[subscription].try_recv()
         return None if sample is None else (str(sample.key_expr), sample.payload.to_bytes())
 
     def close(self) -> None:
@@ -320,7 +322,7 @@ class Client:
         while not self._closing:
             if self._router_gone or time.monotonic() > self._deadline:
                 for subscriber in self._subscribers:
-                    subscriber.undeclare()
+                    subscriber.undeclare()  # type: ignore[no-untyped-call]
                 return
             self._look.wait(min(1.0, max(0.0, self._deadline - time.monotonic())))
             self._look.clear()

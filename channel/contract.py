@@ -15,7 +15,7 @@ ATTACKED: Final = "attacked"
 
 
 class Event(NamedTuple):
-    """One thing that a stage did to one packet; ``magnitude`` is the Euclidean norm of the change of its values."""
+    """One thing that a stage did to a packet; ``magnitude`` is the Euclidean norm of its values' change."""
 
     link: str
     stage: str
@@ -25,7 +25,7 @@ class Event(NamedTuple):
 
 
 class Ledger:
-    """What stages did in one phase and round of a step. Links write in any order, stages of one link in theirs."""
+    """What stages did in one round of a step. Links write in any order, the stages of a link in theirs."""
 
     __slots__ = ("events",)
 
@@ -57,8 +57,9 @@ class Placement:
 class Stage(Protocol):
     """One declared stage over all its links. A kind is constructed as ``Kind(placement, **parameters)``.
 
-    It is called once for every slot of each of its links inside its window of steps, in the order of the steps on each
-    link, but in any order over links: what it draws for a shared stream must depend on the step alone.
+    It is called once for every slot of each of its links inside its window of steps, in the order of the
+    steps on each link, but in any order over links: what it draws for a shared stream must depend on the step
+    alone.
     """
 
     open_loop: ClassVar[bool]

@@ -10,8 +10,8 @@ _BLOCK = 256
 class SteppedDraws:
     """One uniform number on [0, 1) for every step of a stream.
 
-    Drawn ahead in blocks: a generator's call costs more than the number. Links that share a stream may ask for steps in
-    any order and meet the same numbers.
+    Drawn ahead in blocks: a generator's call costs more than the number. Links that share a stream may ask
+    for steps in any order and meet the same numbers.
     """
 
     def __init__(self, generator: np.random.Generator) -> None:

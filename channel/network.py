@@ -52,9 +52,10 @@ class _Account:
 class PhaseNetwork:
     """All links that carry one stream.
 
-    Slots may arrive in any order over senders; an inbox is complete when the slot of every link into its receiver is in,
-    and the events of a phase when all inboxes are. Senders may differ in their number of exchange rounds: links stand
-    sorted by it, the most first, so that the links of a round are the first of the list.
+    Slots may arrive in any order over senders; an inbox is complete when the slot of every link into its
+    receiver is in, and the events of a phase when all inboxes are. Senders may differ in their number of
+    exchange rounds: links stand sorted by it, the most first, so that the links of a round are the first of
+    the list.
     """
 
     def __init__(self, plan: Plan, stream: str, stages: Mapping[str, tuple[StagePlan, Stage]]) -> None:

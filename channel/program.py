@@ -34,7 +34,7 @@ def _sender_program(
 def channel_programs(port: Port, plan: Plan) -> list[tuple[Program, tuple[str, ...]]]:
     """Return the channel's programs, each with the topics that it receives."""
     rounds = {estimator.name: estimator.rounds for estimator in plan.estimators}
-    programs = []
+    programs: list[tuple[Program, tuple[str, ...]]] = []
     for stream in (keys.MEASUREMENT, keys.EXCHANGE):
         network = build_network(plan, stream)
         for source in network.sources:

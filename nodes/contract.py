@@ -7,9 +7,10 @@ Matrices keep the names of the literature: ``A`` (n, n) dynamics, ``Q`` (n, n) p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import msgspec
 import numpy as np
 
 from bus.packets import Packet, Vector
@@ -78,8 +79,7 @@ class Setting:
     """Its own random stream."""
 
 
-@dataclass(frozen=True, slots=True)
-class Detection:
+class Detection(msgspec.Struct, frozen=True):
     """A detector's verdict on one packet: ``alarm`` is True when the packet was judged attacked."""
 
     source: str
@@ -88,13 +88,13 @@ class Detection:
     alarm: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Belief:
+class Belief(msgspec.Struct, frozen=True):
     """What an estimator publishes at the end of a step.
 
-    ``state`` (n,) with error ``covariance`` (n, n) refers to the step ``refers_to`` (None: the current one). ``nis`` is
-    the normalised innovation squared of the packets of this step under the filter's own covariance, with ``nis_dof``
-    degrees of freedom (0: none came). ``diagnostics`` are further named numbers for the log.
+    ``state`` (n,) with error ``covariance`` (n, n) refers to the step ``refers_to`` (None: the current one).
+    ``nis`` is the normalised innovation squared of the packets of this step under the filter's own
+    covariance, with ``nis_dof`` degrees of freedom (0: none came). ``diagnostics`` are further named numbers
+    for the log.
     """
 
     state: Vector
@@ -103,22 +103,22 @@ class Belief:
     nis: float = 0.0
     nis_dof: int = 0
     detections: Sequence[Detection] = ()
-    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    diagnostics: Mapping[str, float] = {}
 
 
 class Estimator(Protocol):
     """An estimator. A kind is constructed as ``Kind(setting, **parameters)``.
 
     Each step calls, in order: `correct` once, `exchange` ``rounds`` times, `estimate` once. A payload that is
-    returned goes to all neighbours through the channel; None is a quiet slot. Payloads are (m,) arrays whose layout is
-    the method's own. A lost packet is simply not in ``packets``.
+    returned goes to all neighbours through the channel; None is a quiet slot. Payloads are (m,) arrays whose
+    layout is the method's own. A lost packet is simply not in ``packets``.
     """
 
     rounds: int
     """Exchange rounds in each step; 0 for an estimator that works alone."""
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
-        """Take this step's measurements; return the payload of exchange round 0 (ignored when ``rounds`` is 0)."""
+        """Take this step's measurements; return the payload of round 0 (ignored when ``rounds`` is 0)."""
         ...
 
     def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:

@@ -27,7 +27,7 @@ class Gaussian:
         return np.array(self.mean, dtype=np.float64)
 
     def covariance_matrix(self, size: int) -> Matrix:
-        """Return the covariance (size, size); raises ValueError when it has another shape or is indefinite."""
+        """Return the covariance (size, size); raises ValueError for another shape or an indefinite one."""
         if (self.std is None) == (self.covariance is None):
             raise ValueError("give exactly one of 'std' and 'covariance'")
         if self.std is not None:

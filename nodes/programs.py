@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
-from itertools import chain
 
 import numpy as np
 
@@ -95,7 +94,7 @@ class _Guard:
         _log.warning("%s diverged in step %d: %s", self._name, step, why)
 
     def payload(self, step: int, round_: int | None, packets: Sequence[Packet]) -> list[float] | None:
-        """Return what the estimator sends after `correct` (``round_`` None) or `exchange`, if it can travel."""
+        """Return what the estimator sends after `correct` (``round_`` None) or `exchange`, if it can."""
         if self.diverged:
             return None
         try:
@@ -126,8 +125,8 @@ class _Guard:
 
 
 def _estimate_message(step: int, t: float, belief: Belief) -> Estimate:
-    covariance: list[list[float]] = belief.covariance.tolist()
-    variances = [row[index] for index, row in enumerate(covariance)]
+    covariance: list[float] = belief.covariance.ravel().tolist()
+    variances = covariance[:: belief.state.size + 1]
     detections = belief.detections
     return Estimate(
         step=step,
@@ -135,7 +134,7 @@ def _estimate_message(step: int, t: float, belief: Belief) -> Estimate:
         refers_to=step if belief.refers_to is None else belief.refers_to,
         diverged=not belief.state.size,
         state=belief.state.tolist(),
-        covariance=list(chain.from_iterable(covariance)),
+        covariance=covariance,
         covariance_shape=list(belief.covariance.shape),
         sigma=[math.sqrt(variance) if variance > 0.0 else 0.0 for variance in variances],
         nis=belief.nis,
@@ -152,7 +151,7 @@ def _estimate_message(step: int, t: float, belief: Belief) -> Estimate:
 def estimator_program(
     port: Port, plan: Plan, own: EstimatorPlan, estimator: Estimator, window: int
 ) -> Program:
-    """Correct, exchange and publish the estimate of every step; without a sensor, at the pace of the recorder."""
+    """Correct, exchange and publish the estimate of every step; without a sensor, as credits allow."""
     inbox_topic = keys.rx(own.name, keys.CORRECT)
     exchange_topic = keys.rx(own.name, keys.EXCHANGE)
     outgoing_topic = keys.tx(own.name, keys.EXCHANGE)

@@ -32,7 +32,7 @@ def advice(plan: Plan) -> list[str]:
 
 
 def _channel_rates(plan: Plan, members: Sequence[EstimatorPlan]) -> tuple[float, float] | None:
-    """Return the failure and recovery rate of the one Gilbert-Elliott law between the members, if there is one."""
+    """Return the failure and recovery rate of the one Gilbert-Elliott law between the members, if any."""
     names = {own.name for own in members}
     between = {
         label for link in plan.links_of(keys.EXCHANGE) if link.source in names for label in link.stages
@@ -71,7 +71,9 @@ def _boundedness_advice(plan: Plan, members: Sequence[EstimatorPlan], coupling: 
             threshold=members[0].kind.parameters["threshold"],
         )
         verdict = (
-            "both below 1: the bound is proved to stay bounded" if condition.holds else "the condition fails"
+            "both below 1: the bound is proved to stay bounded"
+            if condition.holds
+            else "the condition fails (both must be below 1), so it proves nothing here"
         )
         lines.append(
             f"secure_distributed, Theorem 4 of Ding et al. (2021): xi_p = {condition.xi_p:.3f}, "
@@ -79,8 +81,9 @@ def _boundedness_advice(plan: Plan, members: Sequence[EstimatorPlan], coupling: 
         )
     settled = boundedness(plant.A, plant.Q, models, adjacency, coupling)
     limit = largest_bounded_coupling(plant.A, plant.Q, models, adjacency)
+    fate = "settles" if settled.bounded else "GROWS for ever"
     lines.append(
-        f"secure_distributed, with every packet arriving: the bound Pi {'settles' if settled.bounded else 'GROWS for ever'} "
-        f"at coupling {coupling:g}; on this graph it settles up to about {limit:.3f}"
+        f"secure_distributed, with every packet arriving: the bound Pi {fate} at coupling {coupling:g} "
+        f"(on this graph it settles up to about {limit:.3f})"
     )
     return lines

@@ -1,4 +1,4 @@
-"""What a child process of a run does: it keeps its own log, watches its parent, and runs its node's or channel's programs."""
+"""What a child process of a run does: it keeps its own log, watches its parent, and runs its programs."""
 
 from __future__ import annotations
 

@@ -4,4 +4,4 @@ from __future__ import annotations
 
 
 class InputError(ValueError):
-    """What was given cannot be used; the text names the place and the cure. The command line ends with exit code 2."""
+    """What was given cannot be used; the text names place and cure. The command ends with exit code 2."""

@@ -53,7 +53,7 @@ class Fleet:
                 process.start()
 
     def failed(self) -> dict[str, int]:
-        """Return the exit code of every process that ended with another one than 0 (negative: killed by a signal)."""
+        """Return the exit code of every process that did not end well; a negative one is a signal's."""
         return {
             name: process.exitcode
             for name, process in self._processes.items()
@@ -102,9 +102,14 @@ def _without_main_module() -> Iterator[None]:
 
 
 def _kind_modules(plan: Plan) -> list[str]:
-    """Return the modules of all kinds of a plan, to be loaded once for all processes; a user's files load in theirs."""
-    nodes = (plan.plant, *plan.sensors, *plan.estimators, *plan.stages)
-    locations = {node.kind.reference.rpartition(":")[0] for node in nodes}
+    """Return the modules of all kinds of a plan, to be loaded once for all; a user's files load in theirs."""
+    kinds = [
+        plan.plant.kind,
+        *(sensor.kind for sensor in plan.sensors),
+        *(estimator.kind for estimator in plan.estimators),
+        *(stage.kind for stage in plan.stages),
+    ]
+    locations = {kind.reference.rpartition(":")[0] for kind in kinds}
     return sorted(location for location in locations if not location.endswith(".py"))
 
 

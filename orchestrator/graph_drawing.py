@@ -174,9 +174,8 @@ def _draw_nodes(axes: Axes, plan: Plan, places: Mapping[str, Point]) -> None:
     for name, place in places.items():
         axes.annotate(name, place, ha="center", va="center", fontsize=8, zorder=4)
     x, y = places[plan.plant.name]
-    axes.annotate(
-        "measured by every sensor", (x, y - 0.14), ha="center", va="top", fontsize=7, color="#4a4e69"
-    )
+    measured = "measured by every sensor" if plan.sensors else ""
+    axes.annotate(measured, (x, y - 0.14), ha="center", va="top", fontsize=7, color="#4a4e69")
 
 
 def _draw_legend(axes: Axes) -> None:

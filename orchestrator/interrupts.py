@@ -22,7 +22,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def raising_interrupts() -> Iterator[None]:
-    """Turn the first SIGINT or SIGTERM into `Interrupted`; further ones are ignored, so that the end is orderly.
+    """Turn the first SIGINT or SIGTERM into `Interrupted`; ignore further ones, so that the end is orderly.
 
     Outside the main thread, where Python handles no signals, this does nothing.
     """

@@ -13,6 +13,7 @@ import msgspec
 from bus.program import NodeError
 from orchestrator import exit_codes
 from orchestrator.backends.contract import Progress, RunFailedError, Timing
+from orchestrator.errors import InputError
 from orchestrator.interrupts import Interrupted, raising_interrupts
 from orchestrator.log.errors import LogError
 from orchestrator.log.order import canonical_topics
@@ -25,6 +26,10 @@ from orchestrator.score_of_log import score_of_log
 from orchestrator.topology.resolved import Topology
 
 Backend = Literal["processes", "inprocess"]
+
+
+class NotBegunError(InputError):
+    """The files of a run cannot be begun, so nothing of it would be recorded; the text tells the cure."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +45,11 @@ class RunReport:
 
     def files(self) -> dict[str, str]:
         """Return where things were written, by a word for each."""
-        names = {"log": LOG, "score": SCORE, "timing": TIMING, "node logs": NODE_LOGS}
-        return {word: str(self.directory / name) for word, name in names.items()}
+        names = {"log": LOG, "score": SCORE, "timing": TIMING, "topology": TOPOLOGY}
+        if self.backend == "processes":
+            names["node logs"] = NODE_LOGS
+        paths = {word: self.directory / name for word, name in names.items()}
+        return {word: str(path) for word, path in paths.items() if path.exists()}
 
     def facts(self) -> dict[str, object]:
         """Return the whole report as plain data, ready for JSON."""
@@ -56,6 +64,32 @@ class RunReport:
 
 def _pretty(facts: Mapping[str, object]) -> bytes:
     return msgspec.json.format(msgspec.json.encode(facts), indent=2) + b"\n"
+
+
+def _unwritable(path: Path, error: OSError) -> str:
+    return f"{path} cannot be written: {error.strerror}; free some space or choose another --out"
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    """Write a file; leave none behind, rather than half of it, when that fails."""
+    try:
+        path.write_bytes(content)
+    except OSError:
+        path.unlink(missing_ok=True)
+        raise
+
+
+def _begin_log(topology: Topology, directory: Path) -> LogWriter:
+    """Write the resolved topology and the beginning of the log."""
+    facts = provenance(topology.plan, topology.hash)
+    topics = canonical_topics(topology.plan)
+    try:
+        _write_whole(directory / TOPOLOGY, topology.resolved_yaml().encode())
+        return LogWriter(directory / LOG, facts, topology.experiment_json(), topics)
+    except OSError as error:
+        raise NotBegunError(_unwritable(directory / TOPOLOGY, error)) from error
+    except LogError as error:
+        raise NotBegunError(str(error)) from error
 
 
 def _carry_out(
@@ -91,13 +125,12 @@ def _carry_out(
 def run_topology(topology: Topology, directory: Path, backend: Backend, progress: Progress) -> RunReport:
     """Run a topology and write log, score, timing, resolved topology and node logs into the directory.
 
-    Whatever happens to the run, what was recorded is kept and scored; only a log that cannot be written ends without.
+    Whatever happens to the run, what was recorded is kept and scored. Raises `NotBegunError` when not even
+    the beginning of the log can be written.
     """
     plan = topology.plan
-    (directory / TOPOLOGY).write_text(topology.resolved_yaml())
     timing = Timing()
-    facts = provenance(plan, topology.hash)
-    with LogWriter(directory / LOG, facts, topology.experiment_json(), canonical_topics(plan)) as writer:
+    with _begin_log(topology, directory) as writer:
         recorder = Recorder(plan, writer, topology.settings.window)
         code, message = _carry_out(topology, recorder, backend, directory, progress, timing)
         try:
@@ -108,11 +141,12 @@ def run_topology(topology: Topology, directory: Path, backend: Backend, progress
         except LogError as error:
             code, message = exit_codes.RUN_FAILED, message or str(error)
             result = score_of_log(directory / LOG)
-    try:
-        (directory / SCORE).write_bytes(result.to_json())
-        (directory / TIMING).write_bytes(_pretty(timing.facts(backend)))
-    except OSError as error:
-        code, message = exit_codes.RUN_FAILED, message or f"{error.filename}: {error.strerror}"
+    beside = {SCORE: result.to_json(), TIMING: _pretty(timing.facts(backend))}
+    for name, content in beside.items():
+        try:
+            _write_whole(directory / name, content)
+        except OSError as error:
+            code, message = exit_codes.RUN_FAILED, message or _unwritable(directory / name, error)
     if code == exit_codes.PASSED and not result.passed:
         code = exit_codes.EXPECTATION_FAILED
     return RunReport(directory, code, message, result, timing, backend)

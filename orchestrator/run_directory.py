@@ -22,8 +22,8 @@ class RunDirectoryError(InputError):
 def make_run_directory(out: Path | None, name: str, seed: int) -> Path:
     """Make and return the directory of a new run, with its folder for the nodes' logs.
 
-    Without ``out`` it is the first free ``runs/<name>-seed<seed>-<n>``. Raises `RunDirectoryError` when ``out`` holds a
-    run already or cannot be written.
+    Without ``out`` it is the first free ``runs/<name>-seed<seed>-<n>``. Raises `RunDirectoryError` when
+    ``out`` holds a run already or cannot be written.
     """
     try:
         directory = _first_free(Path("runs"), f"{name}-seed{seed}") if out is None else _chosen(out)
@@ -36,6 +36,8 @@ def make_run_directory(out: Path | None, name: str, seed: int) -> Path:
 def _chosen(out: Path) -> Path:
     if (out / LOG).exists():
         raise RunDirectoryError(f"{out} holds a run already; remove it or choose another --out")
+    if out.exists() and not out.is_dir():
+        raise RunDirectoryError(f"{out} is a file; choose a directory as --out")
     out.mkdir(parents=True, exist_ok=True)
     return out
 

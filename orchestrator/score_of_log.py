@@ -11,7 +11,7 @@ from orchestrator.topology.experiment import topology_from_experiment
 
 
 def score_of_log(path: Path) -> Score:
-    """Return the score of a log, whole or cut off; raises `orchestrator.log.errors.LogError` for anything else."""
+    """Return the score of a log, whole or cut off; raises `LogError` for anything else."""
     log = read_log(path, check=False)
     experiment = topology_from_experiment(log.topology_json)
     return score(

@@ -41,9 +41,9 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
     lines = [
         f"{summary['file']}: {summary['name']} is valid",
         f"  {_count(summary['steps'], 'step')} of {summary['period_s']:g} s, seed {summary['seed']}, "
-        f"{summary['processes']} processes, "
-        f"{_count(summary['expectations'], 'expectation')}",
-        f"  {_count(summary['sensors'], 'sensor')}; estimators: {methods}; {_count(summary['links'], 'link')}",
+        f"{summary['processes']} processes, {_count(summary['expectations'], 'expectation')}",
+        f"  {_count(summary['sensors'], 'sensor')}; estimators: {methods}; "
+        f"{_count(summary['links'], 'link')}",
     ]
     lines += [f"  stage {label} on {_count(links, 'link')}" for label, links in summary["stages"].items()]
     lines += [f"  warning: {warning}" for warning in summary["warnings"]]

@@ -19,7 +19,6 @@ import argparse
 import json
 import multiprocessing
 import os
-import re
 import signal
 import statistics
 import sys
@@ -31,7 +30,8 @@ from pathlib import Path
 from random import Random
 
 import zenoh
-from null_messages import Recorder, Run, channel, configuration, estimator, plant, sensor
+from null_messages import BYTES, Recorder, Run, channel, configuration, estimator, plant, sensor
+from usage import cpu_s, memory_mb
 
 TCP = "tcp/127.0.0.1:7448"
 NODE_RUNTIME = "(rx: (handover: app), acc: (handover: app), net: (handover: app), tx: (handover: app))"
@@ -63,29 +63,6 @@ def ring(nodes: int) -> list[list[int]]:
     return [sorted({(i + offset) % nodes for offset in (-2, -1, 1, 2)} - {i}) for i in range(nodes)]
 
 
-def memory_mb(pids: list[int]) -> dict[str, float]:
-    """Return the median and total PSS and the median USS of some processes, in MiB."""
-    pss, uss = [], []
-    for pid in pids:
-        fields = re.findall(
-            r"^(\w+):\s+(\d+) kB", Path(f"/proc/{pid}/smaps_rollup").read_text(), re.MULTILINE
-        )
-        sizes = {name: int(size) / 1024 for name, size in fields}
-        pss.append(sizes["Pss"])
-        uss.append(sizes["Private_Clean"] + sizes["Private_Dirty"])
-    figures = {"pss_mb": statistics.median(pss), "uss_mb": statistics.median(uss), "total_pss_mb": sum(pss)}
-    return {name: round(figure, 1) for name, figure in figures.items()}
-
-
-def cpu_s(pids: list[int]) -> float:
-    """Return the processor time that some processes have taken, in seconds."""
-    ticks = 0
-    for pid in pids:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        ticks += int(fields[11]) + int(fields[12])
-    return ticks / os.sysconf("SC_CLK_TCK")
-
-
 @contextmanager
 def forked(run: Run) -> Iterator[list[int]]:
     """Fork every process but this one; yield their ids, then stop them, or kill what does not stop."""
@@ -111,21 +88,22 @@ def forked(run: Run) -> Iterator[list[int]]:
                 process.kill()
 
 
-def simulate(run: Run, entered_s: float) -> dict[str, object]:
-    """Run the network once and return its figures."""
+def simulate(run: Run, since_s: float) -> dict[str, object]:
+    """Run the network once and return its figures; the rate is that from the first whole step to the last."""
     with zenoh.open(configuration(run, "router")) as session:
         recorder = Recorder(run, session)
         with forked(run) as pids:
             everyone = [os.getpid(), *pids]
-            started_s, cpu_before_s = recorder.start(), cpu_s(everyone)
+            recorder.wait_for_all()
+            cpu_before_s = cpu_s(everyone)
             recorder.record()
             cpu_per_step_s = (cpu_s(everyone) - cpu_before_s) / run.steps
             memory = memory_mb(everyone)
     return {
         "processes": len(everyone),
         "mean_degree": round(statistics.mean(map(len, run.neighbours)), 2),
-        "steps_per_s": round(run.steps / (recorder.last_s - started_s), 1),
-        "start_up_s": round(recorder.first_s - entered_s, 3),
+        "steps_per_s": round((run.steps - 1) / (recorder.last_s - recorder.first_s), 1),
+        "start_up_s": round(recorder.first_s - since_s, 3),
         "cpu_ms_per_step": round(1e3 * cpu_per_step_s, 2),
         "messages": recorder.count,
         **memory,
@@ -147,10 +125,25 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--window", type=int, default=16, help="steps that the plant may lead")
     parser.add_argument("--graph", choices=["geometric", "ring"], default="geometric")
     parser.add_argument("--seed", type=int, default=1, help="seed of the geometric graph")
+    parser.add_argument(
+        "--shape", type=Path, help="JSON file of each node's 'neighbours' and the 'bytes' of messages"
+    )
+    parser.add_argument(
+        "--since", type=float, help="monotonic time from which the start-up counts; default: now"
+    )
     parser.add_argument("--transport", choices=["unixsock", "tcp"], default="unixsock")
     parser.add_argument("--lowlatency", action="store_true", help="Zenoh's transport without batches")
     parser.add_argument("--timeout", type=int, default=120, help="seconds after which to give up")
     return parser.parse_args()
+
+
+def shape_of(asked: argparse.Namespace) -> tuple[list[list[int]], dict[str, int]]:
+    """Return each node's neighbours and the size of each kind of message."""
+    if asked.shape:
+        stated = json.loads(asked.shape.read_text())
+        return stated["neighbours"], stated["bytes"]
+    near = ring(asked.nodes) if asked.graph == "ring" else random_geometric(asked.nodes, asked.seed)
+    return near, BYTES
 
 
 def main() -> None:
@@ -159,12 +152,13 @@ def main() -> None:
     asked = parse()
     signal.signal(signal.SIGALRM, give_up)
     signal.alarm(asked.timeout)
-    near = ring(asked.nodes) if asked.graph == "ring" else random_geometric(asked.nodes, asked.seed)
+    near, sizes = shape_of(asked)
+    nodes = len(near)
     with tempfile.TemporaryDirectory() as folder:
         endpoint = f"unixsock-stream/{folder}/router" if asked.transport == "unixsock" else TCP
-        run = Run(asked.nodes, asked.steps, asked.window, endpoint, asked.timeout, asked.lowlatency, near)
-        figures = simulate(run, entered_s)
-    shape = {"reference": "bare zenoh", "nodes": asked.nodes, "steps": asked.steps, "window": asked.window}
+        run = Run(nodes, asked.steps, asked.window, endpoint, asked.timeout, asked.lowlatency, near, sizes)
+        figures = simulate(run, entered_s if asked.since is None else asked.since)
+    shape = {"reference": "bare zenoh", "nodes": nodes, "steps": asked.steps, "window": asked.window}
     sys.stdout.write(json.dumps(shape | figures) + "\n")
 
 

@@ -81,7 +81,7 @@ async def build(world: "AsyncWorld", nodes: int) -> list["Entity"]:
     return list(entities)
 
 
-async def simulate(mode: str, nodes: int, steps: int, entered_s: float) -> str:
+async def simulate(mode: str, nodes: int, steps: int, since_s: float) -> str:
     """Run the ring once and return its JSON line."""
     from mosaik.async_scenario import AsyncWorld, MosaikConfig
 
@@ -100,7 +100,7 @@ async def simulate(mode: str, nodes: int, steps: int, entered_s: float) -> str:
         f"mosaik {mode}",
         nodes,
         steps,
-        start_up_s=max(result["first_s"] for result in results) - entered_s,
+        start_up_s=max(result["first_s"] for result in results) - since_s,
         run_s=max(result["last_s"] for result in results) - started_s,
         checked=agrees((result["value"] for result in results), steps),
     )
@@ -114,13 +114,17 @@ def main() -> None:
     parser.add_argument("--nodes", type=int, default=20)
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--timeout", type=float, default=300.0, help="seconds after which to give up")
+    parser.add_argument(
+        "--since", type=float, help="monotonic time from which the start-up counts; default: now"
+    )
     parser.add_argument("--connect", metavar="HOST:PORT", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.connect:
         host, port = options.connect.split(":")
         asyncio.run(mosaik_api_v3.run_as_client(RingNode(), host, int(port)))
         return
-    run = simulate(options.mode, options.nodes, options.steps, entered_s)
+    since_s = entered_s if options.since is None else options.since
+    run = simulate(options.mode, options.nodes, options.steps, since_s)
     sys.stdout.write(asyncio.run(asyncio.wait_for(run, options.timeout)) + "\n")
 
 

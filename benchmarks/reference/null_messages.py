@@ -29,14 +29,15 @@ ROOT = "gauntlet/bench"
 EVENTS = 2
 STEP = slice(8, 16)
 BYTES = {
-    "truth": 120,
-    "slot": 150,
-    "correct": 200,
-    "exchange_slot": 400,
-    "exchange": 1200,
-    "estimate": 450,
-    "event": 2000,
+    "truth": 92,
+    "slot": 94,
+    "correct": 150,
+    "exchange_slot": 303,
+    "exchange": 1292,
+    "estimate": 688,
+    "event": 1562,
 }
+"""Mean sizes in a log of topologies/ding2021/case_b.yaml; those of the two events are averaged."""
 
 
 class Run(NamedTuple):
@@ -49,6 +50,7 @@ class Run(NamedTuple):
     timeout_s: float
     lowlatency: bool
     neighbours: list[list[int]]
+    bytes: dict[str, int]
 
     @property
     def messages_per_step(self) -> int:
@@ -56,10 +58,10 @@ class Run(NamedTuple):
         return 1 + 5 * self.nodes + EVENTS
 
 
-def template(kind: str) -> bytes:
+def template(run: Run, kind: str) -> bytes:
     """Return a payload of the kind's size, a JSON object that begins with a place for the step."""
     head, tail = b'{"step":%8d,"values":"', b'"}'
-    return head + b"x" * (BYTES[kind] - len(head % 0) - len(tail)) + tail
+    return head + b"x" * (run.bytes[kind] - len(head % 0) - len(tail)) + tail
 
 
 def configuration(run: Run, mode: str) -> zenoh.Config:
@@ -115,7 +117,7 @@ def member(run: Run, name: str, stop: Event) -> Iterator[tuple[zenoh.Session, Ca
 
 def plant(run: Run, stop: Event) -> None:
     """Put the truth of every step that is granted."""
-    payload, granted = template("truth"), 0
+    payload, granted = template(run, "truth"), 0
     with member(run, "plant", stop) as (session, ready):
         credit, put = receiver(run, session, "credit"), publisher(session, "run/truth/plant")
         ready()
@@ -127,7 +129,7 @@ def plant(run: Run, stop: Event) -> None:
 
 def sensor(run: Run, stop: Event, i: int) -> None:
     """Answer every truth with a slot."""
-    payload = template("slot")
+    payload = template(run, "slot")
     with member(run, f"s{i}", stop) as (session, ready):
         truth, put = receiver(run, session, "run/truth/plant"), publisher(session, f"run/tx/s{i}")
         ready()
@@ -138,7 +140,7 @@ def sensor(run: Run, stop: Event, i: int) -> None:
 
 def estimator(run: Run, stop: Event, i: int) -> None:
     """Answer the correct inbox with an exchange slot, and the exchange inbox with an estimate."""
-    slot, estimate = template("exchange_slot"), template("estimate")
+    slot, estimate = template(run, "exchange_slot"), template(run, "estimate")
     with member(run, f"e{i}", stop) as (session, ready):
         correct = receiver(run, session, f"run/rx/e{i}/correct")
         exchange = receiver(run, session, f"run/rx/e{i}/exchange")
@@ -154,7 +156,7 @@ def estimator(run: Run, stop: Event, i: int) -> None:
 
 def channel(run: Run, stop: Event) -> None:
     """Turn slots into inboxes: a sensor's at once, the neighbours' when the last one is in."""
-    correct, exchange, event = template("correct"), template("exchange"), template("event")
+    correct, exchange, event = template(run, "correct"), template(run, "exchange"), template(run, "event")
     missing: dict[int, list[int]] = {}
     degrees = [len(near) for near in run.neighbours]
     with member(run, "channel", stop) as (session, ready):
@@ -200,16 +202,14 @@ class Recorder:
         self.receive = receiver(run, session, "run/**")
         self.receive_ready = receiver(run, session, "ready/*")
 
-    def start(self) -> float:
-        """Wait until all processes have subscribed, grant the first steps, and return the time of that."""
+    def wait_for_all(self) -> None:
+        """Wait until all processes have subscribed."""
         for _ in range(2 * self.run.nodes + 2):
             self.receive_ready()
-        started_s = time.monotonic()
-        self.credit(b"%d" % self.run.window)
-        return started_s
 
     def record(self) -> None:
-        """Count until every message of every step is here."""
+        """Grant the first steps, and count until every message of every step is here."""
+        self.credit(b"%d" % self.run.window)
         for _ in range(self.run.steps * self.run.messages_per_step):
             sample = self.receive()
             self.count += 1

@@ -1,7 +1,7 @@
 """Bursty losses: a link that is in a good or in a bad state.
 
-Sources: Gilbert (1960), Elliott (1963); the failure and recovery rates are named as by Ding et al. (2021), eq. (2): with
-the good state called 1 and the bad one 0, failure is P(1 -> 0) and recovery P(0 -> 1).
+Sources: Gilbert (1960), Elliott (1963); the failure and recovery rates are named as by Ding et al. (2021),
+eq. (2): with the good state called 1 and the bad one 0, failure is P(1 -> 0) and recovery P(0 -> 1).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class GilbertElliottLaw:
 
     @property
     def stationary_bad(self) -> float:
-        """The share of ticks that the chain spends in the bad state; a chain that never moves stays as it began."""
+        """The share of ticks in the bad state; a chain that never moves stays as it began."""
         total = self.failure + self.recovery
         return self.failure / total if total > 0.0 else float(self.initial == "bad")
 
@@ -50,7 +50,7 @@ class GilbertElliottLaw:
 def law_of_bursts(
     mean_loss: float, mean_burst: float, initial: Initial, loss_from: LossFrom
 ) -> GilbertElliottLaw:
-    """Return the chain that loses in its bad state only, given the share of losses and the mean length of a burst.
+    """Return the chain that loses in its bad state only, by its share of losses and mean length of a burst.
 
     A burst's length is geometric with mean 1 / recovery. Raises ValueError when no such chain exists.
     """
@@ -106,11 +106,11 @@ class GilbertElliott:
     initial
         The state before the first tick; ``stationary`` draws it from the stationary law.
     clock
-        What ticks: every ``step`` (whatever the traffic), every ``slot`` of the link, or every ``packet``. Links that
-        share a stream share one chain, which only a clock of steps can drive.
+        What ticks: every ``step`` (whatever the traffic), every ``slot`` of the link, or every ``packet``.
+        Links that share a stream share one chain, which only a clock of steps can drive.
     loss_from
-        ``new_state``: the chain moves, then the loss is drawn from the state it moved to. ``old_state``: the loss is
-        drawn first, as netem does; its first tick shows the initial state itself.
+        ``new_state``: the chain moves, then the loss is drawn from the state it moved to. ``old_state``: the
+        loss is drawn first, as netem does; its first tick shows the initial state itself.
     """
 
     open_loop: ClassVar[bool] = True

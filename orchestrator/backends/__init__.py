@@ -1,1 +1,1 @@
-"""The two ways to run a plan: many processes on the bus, or all in this one. Both record the same messages."""
+"""The ways to run a plan: many processes on the bus, or all in this one. Both record the same messages."""

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bus.usage import own_usage
+
 Progress = Callable[[int], None]
 """Told the number of whole recorded steps, whenever it has grown."""
 
@@ -16,8 +18,8 @@ Progress = Callable[[int], None]
 class RunSettings:
     """How a run is carried out; nothing of it enters the log.
 
-    ``window`` is the number of steps that the plant may lead what is recorded; ``stall_s`` how long nothing may be
-    recorded before the run is given up.
+    ``window`` is the number of steps that the plant may lead what is recorded; ``stall_s`` how long nothing
+    may be recorded before the run is given up.
     """
 
     window: int = 16
@@ -55,18 +57,22 @@ class Timing:
             self.step_times_s += [since_s / steps] * steps
         self._recorded, self._noted_at = recorded, now
 
+    def note_own_usage(self, name: str) -> None:
+        """Note the CPU time and peak memory of this process under a name."""
+        self.cpu_s[name], self.peak_memory_bytes[name] = own_usage()
+
     @property
     def run_s(self) -> float:
         """Time from the first recorded step to the last."""
         return sum(self.step_times_s)
 
     def headlines(self) -> dict[str, float]:
-        """Return the figures that people ask for first: start-up time and, once there is one, the rate of steps."""
+        """Return what people ask for first: start-up time and, once there is one, the rate of steps."""
         rate = {"steps_per_s": len(self.step_times_s) / self.run_s} if self.step_times_s else {}
         return {"startup_s": self.startup_s, **rate}
 
     def facts(self, backend: str) -> dict[str, object]:
-        """Return all figures as plain data, ready for JSON; percentiles are of the time between recorded steps."""
+        """Return all figures, ready for JSON; percentiles are of the time between recorded steps."""
         p50, p95 = (
             np.percentile(self.step_times_s, [50.0, 95.0]).tolist() if self.step_times_s else (None, None)
         )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import resource
-
 from threadpoolctl import threadpool_limits
 
 from bus.grants import inputs, paced
@@ -48,5 +46,4 @@ def run_in_one_process(
             progress(recorded)
 
     run_messages(plan, store, settings.window)
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    timing.cpu_s["all"] = usage.ru_utime + usage.ru_stime
+    timing.note_own_usage("orchestrator")

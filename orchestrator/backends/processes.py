@@ -1,12 +1,12 @@
-"""The backend of many processes: one a node, one for the channel, and this one as router, recorder and supervisor."""
+"""The backend of many processes: one a node, one for the channel, and this one as router and recorder."""
 
 from __future__ import annotations
 
-import contextlib
-import queue
 import secrets
+import threading
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -33,7 +33,11 @@ _LOG_TAIL_LINES = 25
 
 
 class ProcessRun:
-    """One run in many processes; see `run_in_processes`."""
+    """One run in many processes; see `run_in_processes`.
+
+    The bus's own thread records what comes, message by message; this one only looks after the processes.
+    Handing each message from one thread to the other would cost more than recording it.
+    """
 
     def __init__(
         self,
@@ -49,84 +53,92 @@ class ProcessRun:
         self._settings = settings
         self._log_dir = log_dir
         self._progress = progress
-        self._prefix = keys.prefix(secrets.token_hex(4))
-        self._run = self._prefix.split("/")[1]
+        self._run = secrets.token_hex(4)
+        self._prefix = keys.prefix(self._run)
         self._names = process_names(plan)
         self._credits = [self._prefix + keys.credit(name) for name in paced(plan)]
-        self._mailbox: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
+        self._credit_batch = max(1, settings.window // _CREDITS_A_WINDOW)
+        self._credited = 0
         self._intake = Intake(rounds_of_topics(plan))
-        self._finished: dict[str, Finished] = {}
+        self._finished: set[str] = set()
         self._decode_finished = decoder(Finished).decode
-        self._moved = self._looked = time.monotonic()
+        self._moved = time.monotonic()
+        self._over = threading.Event()
+        self._fault: BaseException | None = None
         self.timing = timing
 
     def run(self) -> None:
         """Carry the run out; raises `RunFailedError` when it cannot be finished."""
         grants = [grant(self._plan, self._run, name) for name in self._names]
         with Router(grants, stall_s=self._settings.stall_s) as router:
-            members = [
-                Membership(
-                    self._run,
-                    router.endpoint,
-                    name,
-                    router.password(name),
-                    self._settings.stall_s,
-                    self._settings.window,
-                )
-                for name in self._names
-            ]
+            members = [self._membership(router, name) for name in self._names]
             with Fleet(self._plan, members, self._log_dir) as fleet:
                 prove_the_rules(router, self._plan, self._run)
-                router.subscribe(self._prefix + "**", lambda key, payload: self._mailbox.put((key, payload)))
-                fleet.start()
-                self._wait_until_alive(router, fleet)
-                router.put(self._prefix + keys.START, b"{}")
-                self._moved = time.monotonic()
-                self._collect(router, fleet)
-                router.put(self._prefix + keys.STOP, b"{}")
-                fleet.wait_for_all(_JOIN_S)
+                end_recording = router.subscribe(self._prefix + "**", partial(self._record, router))
+                try:
+                    fleet.start()
+                    self._wait_until_alive(router, fleet)
+                    router.put(self._prefix + keys.START, b"{}")
+                    self._moved = time.monotonic()
+                    self._look_after_all(fleet)
+                    router.put(self._prefix + keys.STOP, b"{}")
+                    fleet.wait_for_all(_JOIN_S)
+                finally:
+                    self._over.set()
+                    end_recording()
+
+    def _membership(self, router: Router, name: str) -> Membership:
+        stall_s, window = self._settings.stall_s, self._settings.window
+        return Membership(self._run, router.endpoint, name, router.password(name), stall_s, window)
 
     def _wait_until_alive(self, router: Router, fleet: Fleet) -> None:
         alive = {self._prefix + keys.alive(name): name for name in self._names}
         deadline = time.monotonic() + self._settings.stall_s
         while missing := router.wait_alive(alive, _LOOK_EVERY_S):
-            self._look_after(fleet)
+            self._refuse_failures(fleet)
             if time.monotonic() > deadline:
                 names = ", ".join(sorted(alive[key] for key in missing))
                 raise RunFailedError(f"not on the bus after {self._settings.stall_s:g} s: {names}")
 
-    def _collect(self, router: Router, fleet: Fleet) -> None:
-        """Record what comes until all steps are whole and all processes have said their last words."""
-        steps = self._plan.steps
-        batch = max(1, self._settings.window // _CREDITS_A_WINDOW)
-        recorded = credited = 0
-        while recorded < steps or len(self._finished) < len(self._names):
-            with contextlib.suppress(queue.Empty):
-                self._take(*self._mailbox.get(timeout=_LOOK_EVERY_S))
-            now = time.monotonic()
-            if now - self._looked > _LOOK_EVERY_S:
-                self._looked = now
-                self._look_after(fleet)
-                self._check_for_stall(fleet, now)
-            if self._recorder.steps_recorded > recorded:
-                recorded = self._recorder.steps_recorded
-                self.timing.note_steps(recorded)
-                self._progress(recorded)
-            if recorded - credited >= batch:
-                credited = recorded
-                for topic in self._credits:
-                    router.put(topic, encode(Credit(steps_recorded=recorded)))
+    def _look_after_all(self, fleet: Fleet) -> None:
+        """Wait until all is recorded and all have said their last words; raise what goes wrong."""
+        while not self._over.wait(_LOOK_EVERY_S):
+            self._refuse_failures(fleet)
+            self._refuse_a_stall(fleet)
+        if self._fault is not None:
+            raise self._fault
 
-    def _take(self, key: str, payload: bytes) -> None:
+    def _record(self, router: Router, key: str, payload: bytes) -> None:
+        """Take one message, in the bus's thread; what goes wrong is raised in the other one."""
+        if self._over.is_set():
+            return
+        try:
+            self._take(router, key, payload)
+        except BaseException as error:
+            self._fault = error
+            self._over.set()
+
+    def _take(self, router: Router, key: str, payload: bytes) -> None:
         """Record a message, or note a process's last words; anything else is refused and counted."""
         topic = key.removeprefix(self._prefix)
         if topic.startswith("control/"):
             self._take_last_words(topic, payload)
-            return
-        message = self._intake.admit(topic, payload)
-        if message is not None:
-            self._moved = time.monotonic()
-            self._recorder.store(topic, getattr(message, "round", 0), message.step, payload)
+        elif (message := self._intake.admit(topic, payload)) is not None:
+            before = self._recorder.steps_recorded
+            recorded = self._recorder.store(topic, getattr(message, "round", 0), message.step, payload)
+            if recorded > before:
+                self._note_progress(router, recorded)
+        if len(self._finished) == len(self._names) and self._recorder.complete:
+            self._over.set()
+
+    def _note_progress(self, router: Router, recorded: int) -> None:
+        self._moved = time.monotonic()
+        self.timing.note_steps(recorded)
+        self._progress(recorded)
+        if recorded - self._credited >= self._credit_batch:
+            self._credited = recorded
+            for topic in self._credits:
+                router.put(topic, encode(Credit(steps_recorded=recorded)))
 
     def _take_last_words(self, topic: str, payload: bytes) -> None:
         name = topic.rpartition("/")[2]
@@ -138,19 +150,20 @@ class ProcessRun:
             self._intake.rejected[topic] += 1
             return
         self._moved = time.monotonic()
-        self._finished[name] = words
+        self._finished.add(name)
         self.timing.cpu_s[name] = words.cpu_s
         self.timing.peak_memory_bytes[name] = words.peak_memory_bytes
         if words.rejected:
             self.timing.rejected[name] = words.rejected
 
-    def note_refusals(self) -> None:
-        """Tell in the timing what the recorder refused: messages that are not the next slot of their topic."""
+    def note_own_part(self) -> None:
+        """Tell in the timing what this process used up, and refused as not the next slot of its topic."""
+        self.timing.note_own_usage("orchestrator")
         refused = self._intake.rejected + Counter(self._recorder.rejected)
         if refused:
             self.timing.rejected["recorder"] = dict(refused)
 
-    def _look_after(self, fleet: Fleet) -> None:
+    def _refuse_failures(self, fleet: Fleet) -> None:
         """Raise `RunFailedError` for the first process that ended before it was done."""
         for name, code in fleet.failed().items():
             if name in self._finished:
@@ -159,15 +172,16 @@ class ProcessRun:
             at = self._recorder.steps_recorded
             raise RunFailedError(f"{name} {how} while step {at} was under way{self._log_tail(name)}")
 
-    def _check_for_stall(self, fleet: Fleet, now: float) -> None:
-        if now - self._moved <= self._settings.stall_s:
+    def _refuse_a_stall(self, fleet: Fleet) -> None:
+        """Raise `RunFailedError` when no step became whole for too long, saying who waits for whom."""
+        if time.monotonic() - self._moved <= self._settings.stall_s:
             return
         step = self._recorder.steps_recorded
         pids = {name: fleet.pid(name) for name in self._names}
         stopped = [name for name, pid in pids.items() if pid is not None and is_stopped(pid)]
         causes = wait_chain(self._plan, step, self._recorder.missing())
         raise RunFailedError(
-            f"nothing came for {self._settings.stall_s:g} s: "
+            f"no step was completed for {self._settings.stall_s:g} s: "
             + "; ".join([*map(str, causes), *(f"{name} is stopped" for name in stopped)])
         )
 
@@ -189,8 +203,8 @@ def run_in_processes(
 ) -> None:
     """Run a plan as one process a node on the bus, record every message and note the timing.
 
-    ``log_dir`` takes what each process prints. Raises `RunFailedError` when a process fails, dies or hangs, or the bus
-    does not refuse what it must; no process is left behind.
+    ``log_dir`` takes what each process prints. Raises `RunFailedError` when a process fails, dies or hangs,
+    or the bus does not refuse what it must; no process is left behind.
     """
     run = ProcessRun(plan, recorder, settings, log_dir, progress, timing)
     try:
@@ -198,4 +212,4 @@ def run_in_processes(
     except BusError as error:
         raise RunFailedError(str(error)) from error
     finally:
-        run.note_refusals()
+        run.note_own_part()

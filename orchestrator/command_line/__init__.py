@@ -1,1 +1,1 @@
-"""The command line. Nothing heavy is imported before a command needs it: `gauntlet --help` answers at once."""
+"""The command line. Nothing heavy is imported before it is needed: `gauntlet --help` answers at once."""

@@ -11,8 +11,15 @@ import typer
 
 from orchestrator import exit_codes
 from orchestrator.command_line import log_commands
-from orchestrator.command_line.output import fail, print_json, run_progress, verdict_console
+from orchestrator.command_line.output import (
+    fail,
+    outlive_readers,
+    print_json,
+    run_progress,
+    verdict_console,
+)
 from orchestrator.errors import InputError
+from orchestrator.interrupts import Interrupted, raising_interrupts
 
 if TYPE_CHECKING:
     from orchestrator.topology.resolved import Topology
@@ -21,7 +28,10 @@ os.environ.update(
     OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1"
 )  # before numpy is imported
 
-_EPILOG = "Exit codes: 0 passed, 1 an expectation failed, 2 bad input, 3 a node failed or stalled, 130/143 interrupted."
+_EPILOG = (
+    "Exit codes: 0 passed, 1 an expectation failed, 2 bad input, "
+    "3 a node failed or the log could not be written, 130/143 interrupted."
+)
 
 app = typer.Typer(
     name="gauntlet",
@@ -30,6 +40,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(log_commands.app, name="log")
 
@@ -51,9 +62,13 @@ def _main(
     version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
 ) -> None:
     if version:
+        from importlib.metadata import PackageNotFoundError
         from importlib.metadata import version as version_of
 
-        typer.echo(f"gauntlet {version_of('gauntlet')}")
+        try:
+            typer.echo(f"gauntlet {version_of('gauntlet')}")
+        except PackageNotFoundError:
+            typer.echo("gauntlet, run from its source without being installed")
         raise typer.Exit
 
 
@@ -71,22 +86,25 @@ def run(
     backend: Annotated[
         Literal["processes", "inprocess"] | None,
         typer.Option(
-            help="One process a node on the bus, or everything in this one; the log is the same. Default: processes.",
+            help="One process a node, or all in this one; the log is the same. Default: the file's.",
             show_default=False,
         ),
     ] = None,
     json: Json = False,
 ) -> None:
     """Launch a topology, log every message, score the estimators and print the verdict."""
-    from orchestrator.run import run_topology
+    from orchestrator.run import NotBegunError, run_topology
     from orchestrator.run_directory import make_run_directory
 
     topology = _load(file, overrides, seed)
     for warning in topology.warnings:
         typer.echo(f"warning: {warning}", err=True)
     directory = make_run_directory(out, topology.plan.name, topology.plan.seed)
-    with run_progress(topology.plan.steps, quiet=json) as progress:
-        report = run_topology(topology, directory, backend or topology.backend, progress)
+    try:
+        with run_progress(topology.plan.steps, quiet=json) as progress:
+            report = run_topology(topology, directory, backend or topology.backend, progress)
+    except NotBegunError as error:
+        fail(error, exit_codes.RUN_FAILED)
     if json:
         print_json(report.facts())
     else:
@@ -106,26 +124,17 @@ def validate(
     json: Json = False,
 ) -> None:
     """Check topology files without running them: all errors at once, with file, line and cure."""
-    from orchestrator.summary import summarise, summary_lines
-    from orchestrator.topology.problems import TopologyError
+    from orchestrator.validation import validate as validate_files
 
-    summaries = []
-    problems = []
-    for file in files:
-        try:
-            summaries.append(summarise(_load(file, overrides, seed)))
-        except TopologyError as error:
-            problems += error.problems
+    found = validate_files(files, overrides or (), seed)
     if json:
-        print_json(
-            {"valid": not problems, "topologies": summaries, "problems": [p.as_json() for p in problems]}
-        )
+        print_json(found.facts())
     else:
-        for summary in summaries:
-            typer.echo("\n".join(summary_lines(summary)))
-        for problem in problems:
+        if lines := found.lines():
+            typer.echo("\n".join(lines))
+        for problem in found.problems:
             typer.echo(str(problem), err=True)
-    raise typer.Exit(exit_codes.BAD_INPUT if problems else exit_codes.PASSED)
+    raise typer.Exit(exit_codes.BAD_INPUT if found.problems else exit_codes.PASSED)
 
 
 @app.command()
@@ -193,10 +202,12 @@ def _load(file: Path, overrides: list[str] | None, seed: int | None) -> Topology
 
 def main() -> None:
     """Run the command line; errors that are the user's to mend end with one clear text and exit code 2."""
+    outlive_readers()
     try:
-        app()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        with raising_interrupts():
+            app(prog_name="gauntlet")
+    except Interrupted as interrupt:
+        fail(f"interrupted by {interrupt}", interrupt.exit_code)
     except InputError as error:
         fail(error)
 

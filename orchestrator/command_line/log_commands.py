@@ -12,10 +12,11 @@ from orchestrator.command_line.output import print_json
 app = typer.Typer(help="Look into a log, mend a truncated one, hand its data on.", no_args_is_help=True)
 
 LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A run's MCAP file.", show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")]
 
 
 @app.command()
-def info(log: LogFile, json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
+def info(log: LogFile, json: Json = False) -> None:
     """Tell what a log holds: provenance, topics, size, whether it is whole."""
     from orchestrator.log.describe import describe, describe_lines
 
@@ -32,12 +33,18 @@ def recover(
     out: Annotated[
         Path | None, typer.Option(help="The file to write.", show_default="LOG.recovered.mcap")
     ] = None,
+    json: Json = False,
 ) -> None:
     """Write a whole log from one that was cut off; the original is left as it is."""
     from orchestrator.log.recover import recover as recover_log
 
     recovery = recover_log(log, out)
-    typer.echo(f"wrote {recovery.path}: {recovery.messages} messages, {recovery.whole_steps} whole steps")
+    if json:
+        print_json({**recovery._asdict(), "path": str(recovery.path)})
+        return
+    lost = f"; {recovery.damaged_chunks} damaged chunks are lost" if recovery.damaged_chunks else ""
+    held = f"{recovery.messages} messages, {recovery.whole_steps} whole steps"
+    typer.echo(f"wrote {recovery.path}: {held}{lost}")
 
 
 @app.command()
@@ -47,9 +54,13 @@ def export(
     form: Annotated[
         Literal["csv", "jsonl", "npz"], typer.Option("--format", help="CSV tables, JSON lines or NumPy.")
     ] = "csv",
+    json: Json = False,
 ) -> None:
     """Write a log's data as tables, JSON lines or arrays."""
     from orchestrator.log.export import export as export_log
 
-    for path in export_log(log, form, out):
-        typer.echo(f"wrote {path}")
+    paths = [str(path) for path in export_log(log, form, out)]
+    if json:
+        print_json({"files": paths})
+    else:
+        typer.echo("\n".join(f"wrote {path}" for path in paths))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,9 +14,37 @@ from orchestrator import exit_codes
 from orchestrator.errors import InputError
 
 if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
     from rich.console import Console
 
 _PLAIN_LINES = 5
+
+
+class _Pipe(io.FileIO):
+    """A stream whose reader may leave: what comes after that goes nowhere."""
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Write, or forget what nobody reads."""
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            return memoryview(data).nbytes
+
+
+def outlive_readers() -> None:
+    """Let commands go on when nobody reads what they print: ``gauntlet run ... | head`` runs to its end.
+
+    The exit code then still says what became of the run.
+    """
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if isinstance(stream, io.TextIOWrapper) and stream is getattr(sys, f"__{name}__"):
+            raw = _Pipe(stream.fileno(), "wb", closefd=False)
+            buffered = io.BufferedWriter(raw)
+            tolerant = io.TextIOWrapper(
+                buffered, stream.encoding, stream.errors, line_buffering=stream.line_buffering
+            )
+            setattr(sys, name, tolerant)
 
 
 def print_json(value: Any) -> None:
@@ -34,7 +63,7 @@ def verdict_console() -> Console:
 
 @contextmanager
 def run_progress(steps: int, *, quiet: bool) -> Iterator[Callable[[int], None]]:
-    """Show how many steps are recorded: a bar on a terminal, a few plain lines elsewhere, on standard error."""
+    """Show on standard error how many steps are recorded: a bar on a terminal, a few lines elsewhere."""
     if quiet:
         yield lambda recorded: None
     elif sys.stderr.isatty():
@@ -58,7 +87,7 @@ def run_progress(steps: int, *, quiet: bool) -> Iterator[Callable[[int], None]]:
         yield tell
 
 
-def fail(error: InputError) -> NoReturn:
-    """Print an error of the user's input and leave with `BAD_INPUT`."""
+def fail(error: InputError | str, exit_code: int = exit_codes.BAD_INPUT) -> NoReturn:
+    """Print what went wrong and leave; by default it was the user's input."""
     typer.echo(f"gauntlet: {error}", err=True)
-    raise SystemExit(exit_codes.BAD_INPUT)
+    raise SystemExit(exit_code)

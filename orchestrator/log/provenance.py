@@ -56,8 +56,8 @@ def git_commit(checkout: Path) -> str:
 def provenance(plan: Plan, topology_hash: str) -> dict[str, str]:
     """Return the facts that the log's first record holds.
 
-    The commit is that of the code that runs, if it runs from a checkout: a version like the others. The topology needs
-    none, since its hash and all of its content are in the log.
+    The commit is that of the code that runs, if it runs from a checkout: a version like the others. The
+    topology needs none, since its hash and all of its content are in the log.
     """
     return {
         "name": plan.name,

@@ -37,7 +37,7 @@ def schema(*, installed: bool = True) -> _Schema:
     stage = {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/Stage"}]}
     stages = {"anyOf": [*stage["anyOf"], {"type": "array", "items": stage}, {"type": "null"}]}
     whole["properties"]["channel"]["additionalProperties"] = stages
-    for section in ("sensors", "estimators"):
+    for section in ("sensors", "estimators", "expect"):
         members = whole["properties"][section]["additionalProperties"]
         whole["properties"][section]["additionalProperties"] = {"anyOf": [members, {"type": "null"}]}
     whole.pop("required", None)  # a base, or a file that extends one, may leave anything out

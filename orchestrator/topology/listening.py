@@ -16,17 +16,25 @@ def listeners(draft: Draft, kinds: Mapping[str, CheckedKind]) -> dict[str, list[
     """
     sensors = draft.names("sensors")
     chosen = {}
+    unpaired = []
     for name, checked in kinds.items():
         stated = _stated(draft, name)
         choice: object = getattr(checked.found.type, "listens", "paired") if stated is None else stated
         if choice == "all":
             chosen[name] = sensors
-        elif choice == "paired":
+        elif choice == "paired" and sensors:
             chosen[name] = _paired(draft, name, sensors)
+        elif choice == "paired":
+            chosen[name] = []
+            unpaired.append(name)
         else:
             chosen[name] = _selected(
                 draft, name, [choice] if isinstance(choice, str) else list(stated or ()), sensors
             )
+    if unpaired:
+        cure = "add 'sensors', or 'sensors: []' to those that only listen to neighbours"
+        message = f"there are no sensors for {unpaired[0]} to be paired with"
+        draft.complain(("estimators", unpaired[0]), message, cure)
     return chosen
 
 

@@ -10,7 +10,7 @@ from orchestrator.topology.construction import EstimatorBuilder, build_plant, bu
 from orchestrator.topology.draft import CheckedKind, Draft
 from orchestrator.topology.expecting import read_expectations
 from orchestrator.topology.graph import Graph, read_graph
-from orchestrator.topology.inheritance import NODE_SECTIONS, pruned, read_with_bases
+from orchestrator.topology.inheritance import pruned, read_with_bases
 from orchestrator.topology.listening import listeners, warn_of_unheard
 from orchestrator.topology.overrides import apply_overrides
 from orchestrator.topology.placement import place
@@ -107,9 +107,8 @@ def _finished(draft: Draft, file: Path) -> Topology:
 
 def _check_names(draft: Draft, kinds: Kinds) -> dict[str, list[str]]:
     """Check what refers to nodes by their names; return whom each estimator listens to."""
-    for section in NODE_SECTIONS:
-        if section in draft.sections and not draft.names(section):
-            draft.complain((section,), f"there are no {section}", f"for example {section[0]}1..{section[0]}4")
+    if "estimators" in draft.sections and not draft.names("estimators"):
+        draft.complain(("estimators",), "there are no estimators", "for example e1..e4")
     for name in set(draft.names("sensors")) & set(draft.names("estimators")):
         cure = f"call them s{name} and e{name}, for example"
         draft.complain(("estimators", name), f"'{name}' is both a sensor and an estimator", cure)

@@ -126,7 +126,9 @@ class TopologyFile(Section):
     period_s: Annotated[float, Gt(0.0)] = Field(description="sampling period (s)")
     steps: Annotated[int, Ge(1), Le(LARGEST_INTEGER)] = Field(description="number of steps")
     plant: PlantSection
-    sensors: dict[str, SensorSection] = Field(description="by name or range s1..s20")
+    sensors: dict[str, SensorSection] = Field(
+        default_factory=dict, description="by name or range s1..s20; none when estimators only exchange"
+    )
     estimators: dict[str, EstimatorSection] = Field(description="by name or range e1..e20")
     graph: GraphSection | None = None
     channel: dict[str, Stages] = Field(

@@ -28,7 +28,10 @@ def test_name_and_purpose_do_not_run_into_each_other() -> None:
 
 
 def test_another_process_with_another_hash_seed_draws_the_same() -> None:
-    program = "from bus.random_streams import random_stream; print(repr(random_stream(7, 0, 'e1->e2', 'x').random()))"
+    program = (
+        "from bus.random_streams import random_stream; "
+        "print(repr(random_stream(7, 0, 'e1->e2', 'x').random()))"
+    )
     drawn = {
         subprocess.run(
             [sys.executable, "-c", program],

@@ -58,7 +58,7 @@ def test_a_stationary_chain_loses_its_stationary_share_from_the_first_tick() -> 
 
 
 def test_burst_lengths_follow_the_geometric_law() -> None:
-    """The first burst of each of many independent chains; chi-square over lengths 1..6 and more, rate 1e-6."""
+    """The first burst of each of many independent chains; chi-square over lengths 1..7+, rate 1e-6."""
     law = law_of_bursts(mean_loss=0.2, mean_burst=2.5, initial="good", loss_from="new_state")
     lengths = []
     for seed in range(3000):

@@ -13,8 +13,6 @@ import pytest
 from bus.packets import Packet
 from bus.random_streams import random_stream
 from nodes.contract import Belief, Setting
-from nodes.estimators.fixed_gain_consensus import FixedGainConsensus
-from nodes.estimators.secure_distributed import SecureDistributed
 from nodes.gaussian import Gaussian
 from nodes.plants.constant_acceleration import ConstantAcceleration
 from nodes.sensors.linear import Linear as LinearSensor
@@ -23,7 +21,6 @@ PERIOD_S = 0.05
 STEPS = 150
 FAILURE, RECOVERY = 0.1, 0.92
 GRAPH_SEED = 0
-NEAR_GAIN, FAR_GAIN = [0.4177, 0.5799, 0.4029], [0.2883, 0.6150, 0.4457]
 
 Make = Callable[[Setting], Any]
 Attacks = Mapping[str, tuple[float, int, int]]
@@ -154,85 +151,3 @@ def network() -> Network:
 @pytest.fixture(scope="session")
 def build_network() -> Callable[..., Network]:
     return ding_network
-
-
-CASE_B: Attacks = {"s4": (15.0, 90, 95), "s12": (15.0, 50, 55)}
-
-
-@dataclass(frozen=True)
-class Campaign:
-    """What many trials of one method under one attack gave; arrays (trials, nodes) unless they say else."""
-
-    attacks: Attacks
-    position_mse: np.ndarray
-    """Over the steps from 10 on."""
-    window_mse: np.ndarray
-    """(trials, attacked), over the steps of case B's attacks."""
-    accepted: np.ndarray
-    """(trials, attacked), share of the attacked samples that were let in."""
-    locked_out: np.ndarray
-    """(trials, attacked): every sample of the last 20 steps was rejected."""
-    alarms: np.ndarray
-    """Share of the steps with an alarm."""
-
-    def rmse(self, node: int) -> float:
-        return float(np.sqrt(self.position_mse[:, node].mean()))
-
-
-def run_campaign(network: Network, make: Make, attacks: Attacks, trials: int) -> Campaign:
-    rows: list[list[np.ndarray]] = []
-    windows = [(int(name[1:]) - 1, first, last + 1) for name, (_, first, last) in CASE_B.items()]
-    spans = [(int(name[1:]) - 1, first, last + 1) for name, (_, first, last) in attacks.items()]
-    for trial in range(trials):
-        play = network.play(network.scenario(trial), make, attacks)
-        square = play.errors[:, :, 0] ** 2
-        alarms = np.array([play.alarms(node) for node in range(square.shape[1])])
-        rows.append(
-            [
-                square[10:].mean(axis=0),
-                np.array([square[begin:end, node].mean() for node, begin, end in windows]),
-                np.array([1.0 - alarms[node, begin:end].mean() for node, begin, end in spans]),
-                np.array([alarms[node, -20:].all() for node, _, _ in spans]),
-                alarms.mean(axis=1),
-            ]
-        )
-    return Campaign(attacks, *(np.array(column) for column in zip(*rows, strict=True)))
-
-
-@pytest.fixture(scope="session")
-def campaign(network: Network) -> Callable[..., Campaign]:
-    """Return `run_campaign` on the paper's network; what it gave is kept for the session."""
-    known: dict[Any, Campaign] = {}
-
-    def run(method: str, attacks: Attacks, trials: int, **parameters: Any) -> Campaign:
-        key = (method, tuple(attacks.items()), trials, tuple(parameters.items()))
-        if key not in known:
-            known[key] = run_campaign(network, METHODS[method](**parameters), attacks, trials)
-        return known[key]
-
-    return run
-
-
-def secure(**parameters: Any) -> Make:
-    return lambda setting: SecureDistributed(setting, **{"coupling": 0.004, **parameters})
-
-
-def fixed_gain(coupling: float = 0.004) -> Make:
-    def make(setting: Setting) -> FixedGainConsensus:
-        gain = NEAR_GAIN if int(setting.name[1:]) < 8 else FAR_GAIN
-        return FixedGainConsensus(setting, gain=gain, coupling=coupling)
-
-    return make
-
-
-METHODS: dict[str, Callable[..., Make]] = {"secure": secure, "fixed_gain": fixed_gain}
-
-
-@pytest.fixture(scope="session")
-def methods() -> dict[str, Callable[..., Make]]:
-    return METHODS
-
-
-@pytest.fixture(scope="session")
-def case_b() -> Attacks:
-    return CASE_B

@@ -1,4 +1,4 @@
-"""Same seed, same bytes: whatever the backend, the load, the order of starting, or who is stopped for a while."""
+"""Same seed, same bytes: whatever the backend, the load, who starts first, or who is stopped for a while."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
 from collections import deque
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from scipy.stats import chi2
 
 from bus.packets import Packet

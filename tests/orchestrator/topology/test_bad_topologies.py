@@ -148,6 +148,8 @@ BAD: dict[str, Bad] = {
     "unknown sensor to listen to": Bad(
         "coupling: 0.01", "coupling: 0.01, sensors: [s9]", ("no sensor 's9'",), 10
     ),
+    "no sensors": Bad(f"sensors:\n{SENSORS}\n", "", ("no sensors for e1", "sensors: []"), 8),
+    "no estimators": Bad(GOOD[GOOD.index("estimators:") :], "estimators: {}\n", ("are no estimators",), 9),
     "unpaired estimator": Bad("  s1..s4:", "  s2..s4:", ("e1 has no sensor with number 1",), 10),
     "neither sensor nor neighbour": Bad(
         f"{ESTIMATORS}\ngraph: {{ring: {{nodes: 4}}}}",

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bus.keys import EXCHANGE
 from orchestrator.topology.experiment import topology_from_experiment
 from orchestrator.topology.load import Topology, load_topology
 
@@ -43,6 +44,15 @@ score: {from_step: 5}
 process: {window: 4, backend: inprocess}
 """
 
+SENSORLESS = """\
+period_s: 0.1
+steps: 3
+plant: {model: constant_acceleration, process_noise: {std: 0.2}, initial: {std: 1.0}}
+estimators:
+  e1..e3: {method: secure_distributed, coupling: 0.01, sensors: []}
+graph: {ring: {nodes: 3}}
+"""
+
 
 @pytest.fixture
 def topology(tmp_path: Path) -> Topology:
@@ -62,6 +72,19 @@ def test_the_resolved_file_gives_the_same_run(topology: Topology, tmp_path: Path
     assert resolved.plan == topology.plan
     assert resolved.experiment_json() == topology.experiment_json()
     assert (resolved.settings, resolved.backend) == (topology.settings, topology.backend)
+
+
+@pytest.mark.parametrize("sensors", ["", "sensors: {}\n", "sensors: null\n"])
+def test_estimators_that_only_exchange_need_no_sensors(sensors: str, tmp_path: Path) -> None:
+    path = tmp_path / "case.yaml"
+    path.write_text(SENSORLESS + sensors)
+    topology = load_topology(path)
+    assert topology.plan.sensors == ()
+    assert topology.warnings == ()
+    assert {link.stream for link in topology.plan.links} == {EXCHANGE}
+    resolved = again(topology, tmp_path)
+    assert resolved.plan == topology.plan
+    assert topology_from_experiment(topology.experiment_json()).plan.links == topology.plan.links
 
 
 def test_resolving_twice_changes_nothing(topology: Topology, tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """An estimator written against the wire protocol alone: plain Zenoh and JSON, nothing of Gauntlet's.
 
-It publishes a constant belief. With the argument ``rude`` it also misbehaves in every way that the wire allows, and writes
-what it could hear of the truth into the file that is its second argument.
+It publishes a constant belief. With the argument ``rude`` it also misbehaves in every way that the wire
+allows, and writes what it could hear of the truth into the file that is its second argument.
 """
 
 import json

@@ -15,7 +15,7 @@ Fault = Literal["none", "raise", "hang", "diverge", "exit"]
 
 
 class Misbehaving:
-    """Publishes a constant; from step ``at`` on it shows its ``fault``. Each step takes ``pause_s`` of waiting."""
+    """Publishes a constant; from step ``at`` on it shows its ``fault``. Each step waits ``pause_s``."""
 
     rounds = 0
 
