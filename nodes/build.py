@@ -53,4 +53,5 @@ def node_program(port: Port, plan: Plan, name: str, window: int) -> Program:
         return sensor_program(port, plan, name, build_sensor(plan, name, plant), stream("measurement_noise"))
     (own,) = (estimator for estimator in plan.estimators if estimator.name == name)
     sensors = {heard: build_sensor(plan, heard, plant) for heard in own.sensors}
-    return estimator_program(port, plan, own, build_estimator(plan, own, plant, sensors), window)
+    estimator = build_estimator(plan, own, plant, sensors)
+    return estimator_program(port, plan, own, estimator, plant.initial_mean.size, window)

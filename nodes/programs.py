@@ -82,11 +82,15 @@ def sensor_program(port: Port, plan: Plan, name: str, sensor: Sensor, noise: np.
 
 
 class _Guard:
-    """Keeps a diverged estimator's numbers off the bus: from its first non-finite one on, it only says so."""
+    """Stands between an estimator and the bus: checks shapes, and keeps a diverged one's numbers back.
 
-    def __init__(self, name: str, estimator: Estimator) -> None:
+    From its first number that is not finite on, a diverged estimator only says that it has diverged.
+    """
+
+    def __init__(self, name: str, estimator: Estimator, state_size: int) -> None:
         self._name = name
         self._estimator = estimator
+        self._shapes = ((state_size,), (state_size, state_size))
         self.diverged = False
 
     def _declare(self, step: int, why: str) -> None:
@@ -107,6 +111,8 @@ class _Guard:
             return None
         if values is None:
             return None
+        if values.ndim != 1:
+            raise ValueError(f"a payload has one dimension, this one has the shape {values.shape}; ravel it")
         numbers: list[float] = values.tolist()
         if not _is_finite(numbers):
             self._declare(step, "its payload is not finite")
@@ -116,7 +122,13 @@ class _Guard:
     def estimate(self, step: int, t: float) -> Estimate:
         """Return the message that publishes the estimator's belief, or its divergence."""
         if not self.diverged:
-            message = _estimate_message(step, t, self._estimator.estimate(step))
+            belief = self._estimator.estimate(step)
+            if (belief.state.shape, belief.covariance.shape) != self._shapes:
+                raise ValueError(
+                    f"a belief has state and covariance of the shapes {self._shapes}, "
+                    f"this one {(belief.state.shape, belief.covariance.shape)}"
+                )
+            message = _estimate_message(step, t, belief)
             scalars = [message.nis, *message.detector_statistic, *message.diagnostic_value]
             if _is_finite(message.state) and _is_finite(message.covariance) and _is_finite(scalars):
                 return message
@@ -125,6 +137,7 @@ class _Guard:
 
 
 def _estimate_message(step: int, t: float, belief: Belief) -> Estimate:
+    """Return the message of a belief; numbers of numpy's own types become Python's, which JSON knows."""
     covariance: list[float] = belief.covariance.ravel().tolist()
     variances = covariance[:: belief.state.size + 1]
     detections = belief.detections
@@ -137,19 +150,19 @@ def _estimate_message(step: int, t: float, belief: Belief) -> Estimate:
         covariance=covariance,
         covariance_shape=list(belief.covariance.shape),
         sigma=[math.sqrt(variance) if variance > 0.0 else 0.0 for variance in variances],
-        nis=belief.nis,
-        nis_dof=belief.nis_dof,
+        nis=float(belief.nis),
+        nis_dof=int(belief.nis_dof),
         detector_source=[detection.source for detection in detections],
         detector_sequence=[detection.sequence for detection in detections],
-        detector_statistic=[detection.statistic for detection in detections],
-        detector_alarm=[detection.alarm for detection in detections],
+        detector_statistic=[float(detection.statistic) for detection in detections],
+        detector_alarm=[bool(detection.alarm) for detection in detections],
         diagnostic_name=list(belief.diagnostics),
-        diagnostic_value=list(belief.diagnostics.values()),
+        diagnostic_value=[float(value) for value in belief.diagnostics.values()],
     )
 
 
 def estimator_program(
-    port: Port, plan: Plan, own: EstimatorPlan, estimator: Estimator, window: int
+    port: Port, plan: Plan, own: EstimatorPlan, estimator: Estimator, state_size: int, window: int
 ) -> Program:
     """Correct, exchange and publish the estimate of every step; without a sensor, as credits allow."""
     inbox_topic = keys.rx(own.name, keys.CORRECT)
@@ -157,7 +170,7 @@ def estimator_program(
     outgoing_topic = keys.tx(own.name, keys.EXCHANGE)
     estimate_topic = keys.estimate(own.name)
     is_heard = any(link.source == own.name for link in plan.links_of(keys.EXCHANGE))
-    guard = _Guard(own.name, estimator)
+    guard = _Guard(own.name, estimator, state_size)
     pace = _Pace(own.name, window)
 
     def one_step(step: int) -> Program:

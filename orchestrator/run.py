@@ -117,6 +117,10 @@ def _carry_out(
     except (RunFailedError, LogError) as error:
         return exit_codes.RUN_FAILED, str(error)
     except NodeError as error:
+        if isinstance(
+            error.__cause__, LogError
+        ):  # in one process, a node's message is recorded as it is sent
+            return exit_codes.RUN_FAILED, str(error.__cause__)
         sys.excepthook(type(error), error, error.__traceback__)
         return exit_codes.RUN_FAILED, str(error)
     return exit_codes.PASSED, ""

@@ -42,7 +42,7 @@ def recover(
     if json:
         print_json({**recovery._asdict(), "path": str(recovery.path)})
         return
-    lost = f"; {recovery.damaged_chunks} damaged chunks are lost" if recovery.damaged_chunks else ""
+    lost = f"; damaged chunks that are lost: {recovery.damaged_chunks}" if recovery.damaged_chunks else ""
     held = f"{recovery.messages} messages, {recovery.whole_steps} whole steps"
     typer.echo(f"wrote {recovery.path}: {held}{lost}")
 

@@ -1,4 +1,4 @@
-"""The command as its entry point runs it: in this process where that tells the same, else in one of its own."""
+"""The command through its entry point: in this process where that tells the same, else in its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A disk that fills up during a run: exit code 3, a message with the cure, and what was written stays readable."""
+"""A disk that fills up: exit code 3, a message with the cure, and what was written stays readable."""
 
 from __future__ import annotations
 
@@ -66,10 +66,8 @@ def test_a_disk_that_is_full_from_the_beginning_is_told_with_its_cure(
 ) -> None:
     out = small_disk / "out"
     out.mkdir()
-    with (small_disk / "ballast").open("wb") as ballast, pytest.raises(OSError, match="No space left"):
-        while True:
-            ballast.write(bytes(1024))
-            ballast.flush()
+    with pytest.raises(OSError, match="No space left"):
+        (small_disk / "ballast").write_bytes(bytes(2 * ROOM_BYTES))
     answer = gauntlet("run", "small.yaml", "--backend", "inprocess", "--out", out)
     assert answer.code == 3
     assert (

@@ -48,7 +48,8 @@ def test_every_command_has_help(gauntlet: Command, command: tuple[str, ...], opt
 def test_help_loads_nothing_heavy() -> None:
     """Every command would wait for it: help answers in a fraction of a second because of this."""
     program = (
-        "import json, sys; sys.argv = ['gauntlet', '--help']; from orchestrator.command_line.app import main\n"
+        "import json, sys; sys.argv = ['gauntlet', '--help']\n"
+        "from orchestrator.command_line.app import main\n"
         "try: main()\n"
         "except SystemExit: print(json.dumps(sorted(sys.modules)))"
     )

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
 from tests.orchestrator.command_line.conftest import ROOT, SMALL, Command
 
 CASE_B = ROOT / "topologies" / "ding2021" / "case_b.yaml"
-BASE = CASE_B.with_name("_base.yaml")
 
 
 def test_a_valid_topology_is_summed_up(gauntlet: Command) -> None:
@@ -25,11 +22,12 @@ def test_a_valid_topology_is_summed_up(gauntlet: Command) -> None:
 
 
 def test_one_bad_file_among_several_is_told_and_the_others_are_checked(gauntlet: Command, home: Path) -> None:
-    (home / "bad.yaml").write_text(SMALL.replace("steps: 24", "stepz: 24").replace("std: 0.1", "std: -1"))
+    text = SMALL.replace("steps: 24", "stepz: 24").replace("failure: 0.2", "failure: 2")
+    (home / "bad.yaml").write_text(text)
     answer = gauntlet("validate", "bad.yaml", "small.yaml", "nowhere.yaml")
     assert answer.code == 2
     assert "small.yaml: small is valid" in answer.out
-    for place in ("bad.yaml:5: ", "bad.yaml:9: ", "nowhere.yaml: "):
+    for place in ("bad.yaml:5: ", "bad.yaml:13: ", "nowhere.yaml: "):
         assert place in answer.err
 
 
@@ -58,8 +56,9 @@ def test_json_tells_the_same_to_programs(gauntlet: Command, home: Path) -> None:
 
 
 def test_overrides_and_seed_are_checked_too(gauntlet: Command) -> None:
-    answer = gauntlet("validate", "small.yaml", "--set", "steps=7", "--seed", "3", "--json")
-    assert (answer.json()["topologies"][0]["steps"], answer.json()["topologies"][0]["seed"]) == (7, 3)
+    answer = gauntlet("validate", "small.yaml", "--set", "steps=20", "--seed", "3", "--json")
+    (summary,) = answer.json()["topologies"]
+    assert (summary["steps"], summary["seed"]) == (20, 3)
     assert gauntlet("validate", "small.yaml", "--set", "steps=0").code == 2
 
 
@@ -73,11 +72,6 @@ def test_a_base_is_checked_for_what_it_says_not_for_what_it_leaves_out(gauntlet:
     assert faulty.code == 2
     assert "did you mean 'period_s'?" in faulty.err
     assert not faulty.out
-
-
-@pytest.mark.parametrize("file", sorted(BASE.parent.glob("*.yaml")), ids=lambda path: path.stem)
-def test_every_topology_of_this_repository_is_valid(gauntlet: Command, file: Path) -> None:
-    assert gauntlet("validate", file).code == 0
 
 
 def test_the_sufficient_condition_of_ding_is_computed_and_does_not_hold_for_its_own_example(
