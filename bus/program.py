@@ -57,7 +57,7 @@ def run_alone(program: Program, receive: Callable[[str], Any]) -> None:
 
 
 class _Task:
-    """A program, a queue for each of its topics, and the topic it waits for: None when it is ready or done."""
+    """A program, a queue for each of its topics, and the topic it waits for (None when it does not)."""
 
     __slots__ = ("program", "queues", "waits_for")
 

@@ -18,7 +18,13 @@ COMMAND = [sys.executable, "-m", "orchestrator.command_line.app"]
 def call(home: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(
-        [*COMMAND, *arguments], cwd=home, env=environment, capture_output=True, text=True, timeout=90, check=False
+        [*COMMAND, *arguments],
+        cwd=home,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=90,
+        check=False,
     )
 
 
@@ -27,7 +33,9 @@ def test_the_estimator_of_the_readme_runs_in_the_place_of_another(tmp_path: Path
     (tmp_path / "my_filter.py").write_text(source)
     command = next(line for line in README.splitlines() if "my_filter.py:MyFilter" in line)
     _, _, topology, *options = command.split()
-    done = call(tmp_path, "run", str(ROOT / topology), *options, "--backend", "inprocess", "--set", "expect=null")
+    done = call(
+        tmp_path, "run", str(ROOT / topology), *options, "--backend", "inprocess", "--set", "expect=null"
+    )
     assert done.returncode == 0, done.stderr
     assert "MyFilter" in done.stdout
 

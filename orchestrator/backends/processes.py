@@ -19,8 +19,8 @@ from bus.plan import Plan
 from bus.process import Membership, rounds_of_topics
 from bus.zenoh_bus import BusError, Router
 from orchestrator.backends.contract import Progress, RunFailedError, RunSettings, Timing
+from orchestrator.backends.fleet import Fleet, is_stopped
 from orchestrator.backends.proof import prove_the_rules
-from orchestrator.fleet import Fleet, is_stopped
 from orchestrator.log.order import wait_chain
 from orchestrator.log.recorder import Recorder
 

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Collection, Sequence
 
 from orchestrator.score.catalogue import Metric, find_metric, metric_names
+from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import ScoreError
 from orchestrator.score.measure import Value, measure
 from orchestrator.score.results import Outcome, Score
-from orchestrator.topology.expectations import Expectation
 
 _WORDS = {"<=": "at most", ">=": "at least", "==": "exactly"}
 

@@ -27,11 +27,11 @@ from orchestrator.score.detection import (
     link_confusions,
     total_confusion,
 )
+from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import Bools, Gathered, gather
 from orchestrator.score.judging import judge_expectations
 from orchestrator.score.results import LinkScore, NodeScore, Score, ScoreOptions
 from orchestrator.score.traffic import traffic
-from orchestrator.topology.expectations import Expectation
 
 
 def _node_scores(

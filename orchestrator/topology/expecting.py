@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 
 from orchestrator.score.catalogue import find_metric, metric_names
+from orchestrator.score.expectation import Expectation
 from orchestrator.topology.draft import Draft
-from orchestrator.topology.expectations import Expectation
 from orchestrator.topology.names import select
 from orchestrator.topology.problems import PathKeys, did_you_mean
 from orchestrator.topology.schema import Limit

@@ -12,8 +12,8 @@ from ruamel.yaml import YAML
 from bus.keys import EXCHANGE, MEASUREMENT
 from bus.plan import EstimatorPlan, LinkPlan, Plan, PlantPlan, SensorPlan, StagePlan
 from orchestrator.registry import portable_name
+from orchestrator.score.expectation import Expectation
 from orchestrator.topology.draft import CheckedKind
-from orchestrator.topology.expectations import Expectation
 from orchestrator.topology.stages import DeclaredStage
 from orchestrator.topology.wiring import Wiring
 

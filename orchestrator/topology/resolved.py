@@ -12,8 +12,8 @@ from typing import Any, Literal
 
 from bus.plan import Plan
 from orchestrator.backends.contract import RunSettings
+from orchestrator.score.expectation import Expectation
 from orchestrator.score.results import ScoreOptions
-from orchestrator.topology.expectations import Expectation
 from orchestrator.topology.problems import Problem
 from orchestrator.topology.resolve import experiment_document, to_yaml
 

@@ -85,13 +85,16 @@ def test_no_number_that_is_not_finite_leaves_an_estimator(bad: float, where: str
 
 
 @pytest.mark.parametrize(
-    ("state", "covariance"), [(np.zeros((1, 2)), np.eye(2)), (np.zeros(3), np.eye(3)), (np.zeros(2), np.ones(2))]
+    ("state", "covariance"),
+    [(np.zeros((1, 2)), np.eye(2)), (np.zeros(3), np.eye(3)), (np.zeros(2), np.ones(2))],
 )
 def test_a_belief_of_another_shape_is_refused_with_the_shapes(state: Any, covariance: Any) -> None:
-    with pytest.raises(NodeError, match=r"e1 failed in step 0: ValueError: a belief has .* \(\(2,\), \(2, 2\)\)"):
+    with pytest.raises(
+        NodeError, match=r"e1 failed in step 0: ValueError: a belief has .* \(\(2,\), \(2, 2\)\)"
+    ):
         play(Scripted(Belief(state, covariance)))
 
 
 def test_a_payload_that_is_a_matrix_is_refused_with_the_cure() -> None:
-    with pytest.raises(NodeError, match="a payload has one dimension, .* ravel it"):
+    with pytest.raises(NodeError, match=r"a payload has one dimension, .* ravel it"):
         play(Scripted(Belief(np.zeros(2), np.eye(2)), payload=np.eye(2)))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from orchestrator.score.catalogue import METRICS, find_metric, metric_names
+from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import ScoreError
 from orchestrator.score.measure import measure
 from orchestrator.score.scoring import score
-from orchestrator.topology.expectations import Expectation
 
 GROUPS = {"position": [0]}
 

@@ -7,9 +7,9 @@ import io
 import pytest
 from rich.console import Console
 
+from orchestrator.score.expectation import Expectation
 from orchestrator.score.scoring import score
 from orchestrator.score.verdict import headline, print_verdict
-from orchestrator.topology.expectations import Expectation
 
 GROUPS = {"position": [0], "velocity": [1], "acceleration": [2]}
 EXPECTATIONS = [

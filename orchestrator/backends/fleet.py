@@ -15,9 +15,9 @@ from typing import Self
 
 from bus.plan import Plan
 from bus.process import Membership
-from orchestrator.child import child_main
+from orchestrator.backends.child import child_main
 
-_PRELOAD = ["numpy", "scipy.linalg", "orchestrator.child"]
+_PRELOAD = ["numpy", "scipy.linalg", "orchestrator.backends.child"]
 _GRACE_S = 1.5
 
 ONE_BLAS_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
