@@ -10,6 +10,7 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 os.environ.update(
@@ -38,22 +39,29 @@ rows:
   h  packets a second through the channel"""
 
 
-def parse() -> argparse.Namespace:
-    """Read the command line."""
+def row(letter: str) -> str:
+    """Return a row's letter; raises the error of a command line for anything else."""
+    if letter not in list(ROWS):
+        raise argparse.ArgumentTypeError(f"there is no row {letter!r}; choose from a to {ROWS[-1]}")
+    return letter
+
+
+def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """Read the command line, or the arguments given."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description="Measure what Gauntlet costs.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("rows", nargs="*", choices=list(ROWS), metavar="ROW", help="a to h; default: all")
+    parser.add_argument("rows", nargs="*", type=row, metavar="ROW", help="a to h; default: all")
     parser.add_argument("--repeats", type=int, default=5, metavar="N", help="runs of everything; default: 5")
     parser.add_argument("--quick", action="store_true", help="2 short runs: to see that it works")
     parser.add_argument("--timeout", type=float, default=180.0, metavar="S", help="bound of every run (s)")
     output = parser.add_mutually_exclusive_group()
     output.add_argument("--json", action="store_true", help="print JSON, with every sample")
     output.add_argument("--markdown", action="store_true", help="print the table for docs/benchmarks.md")
-    return parser.parse_args()
+    return parser.parse_args(arguments)
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks import ring
+from benchmarks.__main__ import parse
 from benchmarks.comparison import Comparison, at_least, at_most
 from benchmarks.contest import Contestant, interleave, ours, run_once
 from benchmarks.networks import geometric, network, write_shape
@@ -65,6 +66,13 @@ def test_the_bare_network_has_the_shape_of_ours(tmp_path: Path) -> None:
     assert set(told["bytes"]) == {
         "truth", "slot", "correct", "exchange_slot", "exchange", "estimate", "event",
     }  # fmt: skip
+
+
+def test_all_rows_are_measured_unless_some_are_named() -> None:
+    assert parse([]).rows == []
+    assert parse(["a", "c", "--quick"]).rows == ["a", "c"]
+    with pytest.raises(SystemExit):
+        parse(["z"])
 
 
 def test_a_ratio_is_held_against_what_is_wanted() -> None:
