@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as one exception, raised once."""
+"""Ctrl-C and SIGTERM as one exception, raised once, and never in the middle of writing."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Final
 
 
 class Interrupted(BaseException):
@@ -16,6 +17,35 @@ class Interrupted(BaseException):
         super().__init__(signal.Signals(signal_number).name)
         self.exit_code = 128 + signal_number
 
+
+class _Uninterrupted:
+    """A context that a signal does not break into: `Interrupted` is raised at its end instead.
+
+    It is entered for every message that is written, so it is no generator.
+    """
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._pending: int | None = None
+
+    def __enter__(self) -> None:
+        self._depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        self._depth -= 1
+        if self._pending is not None and not self._depth:
+            number, self._pending = self._pending, None
+            raise Interrupted(number)
+
+    def interrupt(self, signal_number: int) -> None:
+        """Raise `Interrupted`, or leave it for the end of the context."""
+        if not self._depth:
+            raise Interrupted(signal_number)
+        self._pending = signal_number
+
+
+UNINTERRUPTED: Final = _Uninterrupted()
+"""For the main thread's use: signals are handled nowhere else."""
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -33,7 +63,7 @@ def raising_interrupts() -> Iterator[None]:
     def interrupt(signal_number: int, frame: FrameType | None) -> None:
         for other in _SIGNALS:
             signal.signal(other, signal.SIG_IGN)
-        raise Interrupted(signal_number)
+        UNINTERRUPTED.interrupt(signal_number)
 
     before = {number: signal.signal(number, interrupt) for number in _SIGNALS}
     try:

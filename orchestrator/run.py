@@ -14,7 +14,7 @@ from bus.program import NodeError
 from orchestrator import exit_codes
 from orchestrator.backends.contract import Progress, RunFailedError, Timing
 from orchestrator.errors import InputError
-from orchestrator.interrupts import Interrupted, raising_interrupts
+from orchestrator.interrupts import UNINTERRUPTED, Interrupted, raising_interrupts
 from orchestrator.log.errors import LogError
 from orchestrator.log.order import canonical_topics
 from orchestrator.log.provenance import provenance
@@ -102,24 +102,21 @@ def _carry_out(
 ) -> tuple[int, str]:
     """Run the backend; return the exit code so far and what went wrong."""
     try:
-        with raising_interrupts():
-            if backend == "processes":
-                from orchestrator.backends.processes import run_in_processes
+        if backend == "processes":
+            from orchestrator.backends.processes import run_in_processes
 
-                log_dir = directory / NODE_LOGS
-                run_in_processes(topology.plan, recorder, topology.settings, log_dir, progress, timing)
-            else:
-                from orchestrator.backends.inprocess import run_in_one_process
+            log_dir = directory / NODE_LOGS
+            run_in_processes(topology.plan, recorder, topology.settings, log_dir, progress, timing)
+        else:
+            from orchestrator.backends.inprocess import run_in_one_process
 
-                run_in_one_process(topology.plan, recorder, topology.settings, progress, timing)
+            run_in_one_process(topology.plan, recorder, topology.settings, progress, timing)
     except Interrupted as interrupt:
         return interrupt.exit_code, f"interrupted by {interrupt}"
     except (RunFailedError, LogError) as error:
         return exit_codes.RUN_FAILED, str(error)
     except NodeError as error:
-        if isinstance(
-            error.__cause__, LogError
-        ):  # in one process, a node's message is recorded as it is sent
+        if isinstance(error.__cause__, LogError):  # in one process, messages are recorded as they are sent
             return exit_codes.RUN_FAILED, str(error.__cause__)
         sys.excepthook(type(error), error, error.__traceback__)
         return exit_codes.RUN_FAILED, str(error)
@@ -132,25 +129,39 @@ def run_topology(topology: Topology, directory: Path, backend: Backend, progress
     Whatever happens to the run, what was recorded is kept and scored. Raises `NotBegunError` when not even
     the beginning of the log can be written.
     """
-    plan = topology.plan
     timing = Timing()
-    with _begin_log(topology, directory) as writer:
-        recorder = Recorder(plan, writer, topology.settings.window)
+    with raising_interrupts(), _begin_log(topology, directory) as writer:
+        recorder = Recorder(topology.plan, writer, topology.settings.window)
         code, message = _carry_out(topology, recorder, backend, directory, progress, timing)
-        try:
-            recorder.write_partial_steps()
-            writer.flush()
-            result = score_of_log(directory / LOG)
-            writer.finish(recorder.outcome(), result.to_json())
-        except LogError as error:
-            code, message = exit_codes.RUN_FAILED, message or str(error)
-            result = score_of_log(directory / LOG)
-    beside = {SCORE: result.to_json(), TIMING: _pretty(timing.facts(backend))}
-    for name, content in beside.items():
+        with UNINTERRUPTED:
+            result, trouble = _conclude(recorder, writer, directory / LOG)
+            beside = {SCORE: result.to_json(), TIMING: _pretty(timing.facts(backend))}
+            trouble = _write_beside(directory, beside) or trouble
+    if trouble:
+        code, message = exit_codes.RUN_FAILED, message or trouble
+    elif code == exit_codes.PASSED and not result.passed:
+        code = exit_codes.EXPECTATION_FAILED
+    return RunReport(directory, code, message, result, timing, backend)
+
+
+def _conclude(recorder: Recorder, writer: LogWriter, log: Path) -> tuple[Score, str]:
+    """Finish the log, with the score that it gives; return the score and what went wrong."""
+    try:
+        recorder.write_partial_steps()
+        writer.flush()
+        result = score_of_log(log)
+        writer.finish(recorder.outcome(), result.to_json())
+    except LogError as error:
+        return score_of_log(log), str(error)
+    return result, ""
+
+
+def _write_beside(directory: Path, contents: Mapping[str, bytes]) -> str:
+    """Write files beside the log; return what went wrong with the last that could not be written."""
+    trouble = ""
+    for name, content in contents.items():
         try:
             _write_whole(directory / name, content)
         except OSError as error:
-            code, message = exit_codes.RUN_FAILED, message or _unwritable(directory / name, error)
-    if code == exit_codes.PASSED and not result.passed:
-        code = exit_codes.EXPECTATION_FAILED
-    return RunReport(directory, code, message, result, timing, backend)
+            trouble = _unwritable(directory / name, error)
+    return trouble

@@ -11,6 +11,7 @@ from bus.plan import Plan
 from channel.program import channel_programs
 from nodes.build import node_program
 from orchestrator.backends.contract import Progress, RunSettings, Timing
+from orchestrator.interrupts import UNINTERRUPTED
 from orchestrator.log.recorder import Recorder
 
 
@@ -39,7 +40,8 @@ def run_in_one_process(
 
     def store(topic: str, message: Message) -> None:
         nonlocal recorded
-        now_recorded = recorder.store(topic, getattr(message, "round", 0), message.step, encode(message))
+        with UNINTERRUPTED:
+            now_recorded = recorder.store(topic, getattr(message, "round", 0), message.step, encode(message))
         if now_recorded > recorded:
             recorded = now_recorded
             timing.note_steps(recorded)

@@ -47,7 +47,16 @@ def schema(*, installed: bool = True) -> _Schema:
 
 def schema_text() -> str:
     """Return the text of docs/topology.schema.json: the same on every machine."""
-    return json.dumps(schema(installed=False), indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(_plain_numbers(schema(installed=False)), indent=1, ensure_ascii=False) + "\n"
+
+
+def _plain_numbers(value: Any) -> Any:
+    """Write 0.0 as 0: equal bounds are one object to `typing`, whichever spelling was imported first."""
+    if isinstance(value, dict):
+        return {key: _plain_numbers(member) for key, member in value.items()}
+    if isinstance(value, list):
+        return [_plain_numbers(member) for member in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 class _Kinds:

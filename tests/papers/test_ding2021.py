@@ -102,6 +102,10 @@ class Campaign:
         """Return the RMS error over the steps in which case B attacks the node."""
         return float(np.sqrt(self.square[:, int(node[1:]) - 1, WINDOWS[node]].mean()))
 
+    def window_peak(self, node: str) -> float:
+        """Return the largest error of any trial over the same steps."""
+        return float(np.sqrt(self.square[:, int(node[1:]) - 1, WINDOWS[node]].max()))
+
     def locked_out(self) -> list[set[str]]:
         return [{lockout.node for lockout in one.lockouts} for one in self.scores]
 
@@ -261,6 +265,10 @@ def test_without_attack_nothing_is_rejected_and_fixed_gains_do_as_well(
     low, high = {QUICK: (0.22, 0.34), FULL: (0.265, 0.30)}[trials]
     secure, fixed = campaign("case_a", trials), campaign("lmi_gains", trials, NO_ATTACK)
     print(f"\ncase A: secure {figures(secure)}, fixed {figures(fixed)}")
+    for node in ("e4", "e12", "e20"):
+        members = [next(own for own in one.nodes if own.name == node) for one in secure.scores]
+        print(f"{node}: NEES {np.mean([own.nees.mean for own in members]):.2f}", end=", ")
+        print(f"NIS {np.mean([own.nis.mean for own in members]):.3f}")
     false_alarms = sum(one.detector.false_positive for one in secure.scores if one.detector is not None)
     assert false_alarms <= poisson.isf(1e-6, 2e-6 * 3000 * trials)
     assert low < secure.rmse("e12") < high
@@ -273,6 +281,21 @@ def test_without_attack_nothing_is_rejected_and_fixed_gains_do_as_well(
 
 def figures(campaign: Campaign) -> list[float]:
     return [round(campaign.rmse(node), 3) for node in ("e4", "e12", "e20")]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_the_neighbours_do_not_pay_without_coupling_the_errors_are_slightly_lower(
+    campaign: Campaigns,
+) -> None:
+    """Over all nodes and the same draws; the difference is many times its standard error."""
+    coupled, alone = campaign("case_a", FULL), campaign("case_a", FULL, ("estimators.e*.coupling=0",))
+    print(f"\ncase A: coupled {figures(coupled)}, without coupling {figures(alone)}")
+    difference = (coupled.square - alone.square)[:, :, FROM_STEP:].mean(axis=(1, 2))
+    assert difference.mean() > 5.0 * difference.std(ddof=1) / np.sqrt(FULL)
+    assert (
+        0.9 < np.sqrt(alone.square[:, :, FROM_STEP:].mean() / coupled.square[:, :, FROM_STEP:].mean()) < 1.0
+    )
 
 
 @trials
@@ -304,7 +327,8 @@ def test_in_the_attacked_steps_the_detector_keeps_the_errors_small_and_the_basel
     for name, low, high in (("case_b", 0.0, 3.3), ("no_detector", 9.0, 25.0), ("lmi_gains", 9.0, 25.0)):
         attacked = campaign(name, trials)
         ratio = {node: attacked.window_rms(node) / quiet.window_rms(node) for node in WINDOWS}
-        print(f"\n{name} {figures(attacked)}, in the attacked steps over A: {ratio}")
+        peak = {node: round(attacked.window_peak(node), 2) for node in WINDOWS}
+        print(f"\n{name} {figures(attacked)}, in the attacked steps over A: {ratio}, largest error {peak}")
         assert all(low / slack <= one <= high * slack for one in ratio.values())
 
 
