@@ -15,7 +15,7 @@ from orchestrator.score.verdict_tables import attack_table, estimator_tables
 TRACKING_RATIO = 2.0
 """How many times the usual error an attacked estimator may show and still be said to keep tracking."""
 
-EXPECTATION_LINES = 12
+EXPECTATION_LINES = 8
 
 
 def _several(count: int, noun: str) -> str:
