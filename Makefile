@@ -12,10 +12,10 @@ run: $(READY)  ## launch the 20-node network as real processes, attack it, log i
 	$(BIN)/gauntlet run $(TOPOLOGY)
 
 test: $(READY)  ## the whole fast suite
-	$(BIN)/python -m pytest -m "not slow" -n 2
+	$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
 
 test-slow: $(READY)  ## the long Monte Carlo checks
-	$(BIN)/python -m pytest -m slow -n 2 --timeout 3600
+	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile --timeout 3600
 
 lint: $(READY)
 	$(BIN)/ruff check .

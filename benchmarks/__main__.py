@@ -73,7 +73,8 @@ def main() -> None:
     errors = Console(stderr=True)
     with errors.status("starting") as status:
         repeats, scale = (2, 0.25) if asked.quick else (asked.repeats, 1.0)
-        effort = Effort(repeats, scale, asked.timeout, status.update)
+        tell = status.update if errors.is_terminal else errors.print
+        effort = Effort(repeats, scale, asked.timeout, tell)
         comparisons: list[Comparison] = []
         for letters, group in GROUPS:
             wanted = rows & frozenset(letters)

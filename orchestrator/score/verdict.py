@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.text import Text
@@ -33,26 +34,44 @@ def _percent(part: float) -> str:
     return f"{100 * part:.3g} %"
 
 
-def excess(score: Score) -> tuple[str, float] | None:
-    """Return the attacked estimator whose error is most out of the usual, and how many times the usual it is.
+class Excess(NamedTuple):
+    """How many times the usual an estimator's error is, in one state group."""
 
-    The usual is the median RMSE of the whole state over estimators of the same method that no attacked packet
-    reached, or, where there is none, the estimator's own RMSE over its unattacked steps. None when there is
-    nothing to compare.
+    node: str
+    group: str
+    ratio: float
+
+
+def excess(score: Score) -> Excess | None:
+    """Return the attacked estimator whose error is most out of the usual, in the group where it is so.
+
+    The usual is the median RMSE over estimators of the same method that no attacked packet reached, or, where
+    there is none, the estimator's own RMSE over its unattacked steps. Groups are compared one by one: in the
+    whole state, a group of large numbers would hide another. None when there is nothing to compare.
     """
-    spared: dict[str, list[float]] = {}
-    for node in score.nodes:
-        rmse = node.groups["state"].rmse
-        if not node.attacked_steps and rmse is not None:
-            spared.setdefault(node.method, []).append(rmse)
-    ratios = []
-    for node in score.nodes:
-        error = node.groups["state"]
-        usual = median(spared[node.method]) if node.method in spared else error.unattacked
-        compared = error.rmse if node.method in spared else error.attacked
-        if node.attacked_steps and usual and compared is not None:
-            ratios.append((node.name, compared / usual))
-    return max(ratios, key=lambda ratio: ratio[1], default=None)
+    found = [
+        Excess(node.name, group, compared / usual)
+        for node in score.nodes
+        if node.attacked_steps
+        for group in node.groups
+        for usual, compared in [_usual_and_own(node, group, score.nodes)]
+        if usual and compared is not None
+    ]
+    return max(found, key=lambda each: each.ratio, default=None)
+
+
+def _usual_and_own(
+    node: NodeScore, group: str, nodes: Sequence[NodeScore]
+) -> tuple[float | None, float | None]:
+    """Return the usual error in a group, and that of one node to compare with it."""
+    peers = (
+        other.groups[group].rmse
+        for other in nodes
+        if other.method == node.method and not other.attacked_steps
+    )
+    spared = [rmse for rmse in peers if rmse is not None]
+    own = node.groups[group]
+    return (median(spared), own.rmse) if spared else (own.unattacked, own.attacked)
 
 
 def _subject(score: Score) -> str:
@@ -92,8 +111,9 @@ def _story(score: Score) -> str:
     if parts:
         return " and ".join(parts)
     worst = excess(score)
-    if worst is not None and worst[1] > TRACKING_RATIO:
-        error = f"but {worst[0]} erred {show(round(worst[1], 1))} times the usual"
+    if worst is not None and worst.ratio > TRACKING_RATIO:
+        where = "" if worst.group == "state" else f" in {worst.group}"
+        error = f"but {worst.node} erred {show(round(worst.ratio, 1))} times the usual{where}"
         return f"no estimator diverged{_circumstance(score)}, {error}"
     return f"{_subject(score)} kept tracking{_circumstance(score)}"
 
