@@ -13,10 +13,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from bus import keys
+from bus.grants import CHANNEL
 from bus.plan import LinkPlan, Plan
-
-CHANNEL = "channel"
-"""The owner of every inbox and of the channel's own topics."""
 
 
 class Slot(NamedTuple):
