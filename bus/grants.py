@@ -18,15 +18,23 @@ def paced(plan: Plan) -> tuple[str, ...]:
 def inputs(plan: Plan, name: str) -> tuple[str, ...]:
     """Return the topics that a process receives while the run goes on."""
     if name == CHANNEL:
-        return tuple(sorted({keys.tx(link.source, link.stream) for link in plan.links}))
+        sent = {keys.tx(link.source, link.stream) for link in plan.links}
+        return tuple(sorted(sent | {keys.tx(node, keys.WATCH) for node in plan.watched}))
     if name == plan.plant.name:
-        return (keys.credit(name),)
+        return (keys.credit(name), *_controlled(name, plan.plant.controllers))
     for own in plan.estimators:
         if own.name == name:
             measured = (keys.rx(name, keys.CORRECT),) if own.sensors else (keys.credit(name),)
             exchanged = (keys.rx(name, keys.EXCHANGE),) if own.rounds and own.neighbours else ()
-            return measured + exchanged
+            return (*measured, *exchanged, *_controlled(name, own.controllers))
+    for controller in plan.controllers:
+        if controller.name == name:
+            return (keys.estimate(controller.estimator),)
     return (keys.truth(plan.plant.name),)
+
+
+def _controlled(name: str, controllers: tuple[str, ...]) -> tuple[str, ...]:
+    return (keys.rx(name, keys.CONTROL),) if controllers else ()
 
 
 def subscriptions(plan: Plan, name: str) -> tuple[str, ...]:
@@ -45,12 +53,15 @@ def outputs(plan: Plan, name: str) -> tuple[str, ...]:
         phases = [keys.phase_of(stream) for stream in sorted(streams)]
         receivers = sorted({(link.destination, keys.phase_of(link.stream)) for link in plan.links})
         return (*map(keys.channel, phases), *(keys.rx(node, phase) for node, phase in receivers))
+    watched = (keys.tx(name, keys.WATCH),) if name in plan.watched else ()
     if name == plan.plant.name:
-        return (keys.truth(name),)
+        return (keys.truth(name), *watched)
     if any(own.name == name for own in plan.estimators):
         is_heard = any(link.source == name for link in plan.links_of(keys.EXCHANGE))
         exchanged = (keys.tx(name, keys.EXCHANGE),) if is_heard else ()
-        return (*exchanged, keys.estimate(name))
+        return (*exchanged, keys.estimate(name), *watched)
+    if any(own.name == name for own in plan.controllers):
+        return (keys.tx(name, keys.CONTROL),)
     return (keys.tx(name, keys.MEASUREMENT),)
 
 

@@ -13,6 +13,11 @@ CORRECT = "correct"
 EXCHANGE = "exchange"
 """The stream of what estimators send to their neighbours, and the phase in which they take it."""
 
+CONTROL = "control"
+"""The stream of a controller's inputs, and the phase in which plant and estimators take them."""
+WATCH = "watch"
+"""The stream on which a node tells the channel what an adversary's trigger was granted to see."""
+
 START = "control/start"
 STOP = "control/stop"
 

@@ -21,9 +21,15 @@ class Message(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Truth(Message, frozen=True, kw_only=True):
-    """The plant's true state at a step, ``state`` (n,)."""
+    """The plant's true state at a step, ``state`` (n,).
+
+    ``control`` is the input (p,) that was applied on the way into this step, and ``attack`` the value of the
+    signal attack that enters this step; empty when there is none.
+    """
 
     state: list[float]
+    control: list[float] = []
+    attack: list[float] = []
 
 
 class Transmission(Message, frozen=True, kw_only=True):
@@ -31,20 +37,22 @@ class Transmission(Message, frozen=True, kw_only=True):
 
     ``sequence`` numbers the packets of the stream; packet i owns ``values[offset[i]:offset[i + 1]]``, the
     last one the rest. ``round`` counts the exchange rounds inside a step (0 for measurements). Empty lists
-    are a quiet slot.
+    are a quiet slot. ``check`` holds the seal of each packet when the sender seals its packets, else nothing.
     """
 
     round: int
     sequence: list[int]
     offset: list[int]
     values: list[float]
+    check: list[int] = []
 
 
 class Inbox(Message, frozen=True, kw_only=True):
     """All packets that reach one receiver in one phase of a step, as parallel lists, a packet an entry.
 
     ``source`` sent the packet in step ``sent_step`` as number ``sequence`` of its stream; ``kind`` names the
-    stream and with it the layout of ``values``. Packet i owns ``values[offset[i]:offset[i + 1]]``.
+    stream and with it the layout of ``values``. Packet i owns ``values[offset[i]:offset[i + 1]]``. ``check``
+    holds the seals of the packets when one of them has a seal, else nothing.
     """
 
     round: int
@@ -54,6 +62,7 @@ class Inbox(Message, frozen=True, kw_only=True):
     kind: list[str]
     offset: list[int]
     values: list[float]
+    check: list[int] = []
 
 
 class Estimate(Message, frozen=True, kw_only=True):
@@ -63,7 +72,8 @@ class Estimate(Message, frozen=True, kw_only=True):
     of its diagonal. A diverged estimator sets ``diverged`` and leaves the lists empty. ``nis`` is the
     normalised innovation squared of this step's packets with ``nis_dof`` degrees of freedom (0: no packet).
     Entry i of the ``detector_*`` lists is the verdict on one packet: its source, test statistic, and whether
-    it raised the alarm.
+    it raised the alarm. ``refused`` counts the packets of this step that never reached the mathematics,
+    because their seal did not fit or the node does not listen to their source.
     """
 
     refers_to: int
@@ -80,15 +90,19 @@ class Estimate(Message, frozen=True, kw_only=True):
     detector_alarm: list[bool]
     diagnostic_name: list[str]
     diagnostic_value: list[float]
+    refused: int = 0
 
 
 class ChannelEvents(Message, frozen=True, kw_only=True):
     """What the channel did in one phase of a step; the ground truth that scores the detectors.
 
-    Entry i of ``link``, ``sent``, ``lost``, ``attacked``, ``delivered`` accounts for the packets of one link.
+    Entry i of ``link``, ``sent``, ``lost``, ``attacked``, ``delivered`` accounts for the packets of one link;
+    so do ``injected``, ``duplicated``, ``refused`` (delivered, and sure to fail the receiver's check) and
+    ``in_flight`` (kept for later slots), which are empty when they are zero on every link. Over all slots so
+    far, sent + injected + duplicated = delivered + lost + refused + in_flight.
+
     The ``event_*`` lists hold one entry for each thing a stage did: on which link, by which stage, to which
-    packet, what (``lost`` or ``attacked``), and by how much (Euclidean norm of the change of the values; 0
-    for a loss).
+    packet, what (an action of `channel.contract`), and by how much (its magnitude there).
     """
 
     round: int
@@ -97,6 +111,10 @@ class ChannelEvents(Message, frozen=True, kw_only=True):
     lost: list[int]
     attacked: list[int]
     delivered: list[int]
+    injected: list[int] = []
+    duplicated: list[int] = []
+    refused: list[int] = []
+    in_flight: list[int] = []
     event_link: list[str]
     event_stage: list[str]
     event_sequence: list[int]
@@ -150,5 +168,15 @@ def schema(message: type[Message]) -> dict[str, Any]:
     """Return the flat JSON Schema of a message type: no references, no unions, as viewers need it."""
     (_,), components = msgspec.json.schema_components([message], ref_template="{name}")
     body = components[message.__name__]
-    description = inspect.cleandoc(body.get("description", ""))
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **body, "description": description}
+    properties = {name: _undefaulted(field) for name, field in body["properties"].items()}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **body,
+        "description": inspect.cleandoc(body.get("description", "")),
+        "properties": properties,
+        "required": list(properties),  # a sender may leave a default out, the log always holds it
+    }
+
+
+def _undefaulted(field: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in field.items() if key != "default"}

@@ -6,6 +6,7 @@ many.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,10 +22,11 @@ class Kind:
 
 @dataclass(frozen=True)
 class PlantPlan:
-    """The plant: there is one a run."""
+    """The plant: there is one a run. ``controllers`` send it inputs."""
 
     name: str
     kind: Kind
+    controllers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -37,13 +39,42 @@ class SensorPlan:
 
 @dataclass(frozen=True)
 class EstimatorPlan:
-    """An estimator node: the sensors it hears, and its in-neighbours with their weights ``h_ij``, sorted."""
+    """An estimator node: the sensors it hears, and its in-neighbours with their weights ``h_ij``, sorted.
+
+    ``controllers`` tell it the inputs that they command.
+    """
 
     name: str
     kind: Kind
     sensors: tuple[str, ...]
     neighbours: Mapping[str, float]
     rounds: int
+    controllers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ControllerPlan:
+    """A controller node: it hears the estimate of one estimator and commands the plant's input."""
+
+    name: str
+    kind: Kind
+    estimator: str
+
+
+@dataclass(frozen=True)
+class TimingPlan:
+    """When something acts: in the steps from ``first`` to ``last``, both inclusive, where ``when`` agrees.
+
+    ``when`` is the kind of a schedule (see `bus.schedules`), None for the whole window. It draws from the
+    address (``stream``, ``purpose``). ``watches`` names the node of which it must be told, empty for none.
+    """
+
+    first: int
+    last: int
+    when: Kind | None = None
+    stream: str = ""
+    purpose: str = ""
+    watches: str = ""
 
 
 @dataclass(frozen=True)
@@ -51,23 +82,43 @@ class StagePlan:
     """One stage of the channel: one kind, over all the links it is declared for.
 
     ``label`` names it in the log. ``streams`` gives each link (by `LinkPlan.name`) the name of its random
-    stream: links of one name share one chain and its draws. ``first`` and ``last`` bound the steps, both
-    inclusive, in which it acts.
+    stream: links of one name share one chain and its draws. ``knowledge`` is what the topology grants it to
+    know, as plain nested lists by name. ``holds_keys`` tells that it can seal packets in others' names.
     """
 
     label: str
     kind: Kind
     streams: Mapping[str, str]
     purpose: str
-    first: int
-    last: int
+    timing: TimingPlan
+    knowledge: Mapping[str, Any] = field(default_factory=dict)
+    holds_keys: bool = False
+
+
+@dataclass(frozen=True)
+class SignalPlan:
+    """A signal that enters the plant's dynamics and the sensors' measurements; see `nodes.signal_attack`."""
+
+    label: str
+    kind: Kind
+    purpose: str
+    timing: TimingPlan
+
+
+@dataclass(frozen=True)
+class FaultPlan:
+    """The scheduled end of a node: from ``step`` on it is silent. A ``crash`` ends its process too."""
+
+    node: str
+    kind: str
+    step: int
 
 
 @dataclass(frozen=True)
 class LinkPlan:
     """A directed link and the labels of its stages in the order in which they act.
 
-    ``stream`` is `bus.keys.MEASUREMENT` or `bus.keys.EXCHANGE`.
+    ``stream`` is `bus.keys.MEASUREMENT`, `bus.keys.EXCHANGE` or `bus.keys.CONTROL`.
     """
 
     source: str
@@ -95,6 +146,11 @@ class Plan:
     estimators: tuple[EstimatorPlan, ...]
     stages: tuple[StagePlan, ...]
     links: tuple[LinkPlan, ...]
+    controllers: tuple[ControllerPlan, ...] = ()
+    signals: tuple[SignalPlan, ...] = ()
+    faults: tuple[FaultPlan, ...] = ()
+    integrity: Mapping[str, str] = field(default_factory=dict)
+    """How a sender seals its packets: ``crc`` or ``mac``, by node; a node that is not named does not."""
 
     def links_of(self, stream: str) -> tuple[LinkPlan, ...]:
         """Return the links that carry a stream, in the plan's order."""
@@ -102,9 +158,26 @@ class Plan:
 
     @property
     def node_names(self) -> tuple[str, ...]:
-        """The names of all nodes: plant, sensors, estimators."""
+        """The names of all nodes: plant, sensors, estimators, controllers."""
         return (
             self.plant.name,
             *(sensor.name for sensor in self.sensors),
             *(estimator.name for estimator in self.estimators),
+            *(controller.name for controller in self.controllers),
         )
+
+    @property
+    def watched(self) -> tuple[str, ...]:
+        """The nodes that triggers of the channel watch, sorted."""
+        return tuple(sorted({stage.timing.watches for stage in self.stages if stage.timing.watches}))
+
+    @functools.cached_property
+    def _silent_from(self) -> dict[str, int]:
+        silent: dict[str, int] = {}
+        for fault in self.faults:
+            silent[fault.node] = min(fault.step, silent.get(fault.node, self.steps))
+        return silent
+
+    def silent_from(self, node: str) -> int:
+        """Return the first step in which a node is silent; the number of steps when it never is."""
+        return self._silent_from.get(node, self.steps)

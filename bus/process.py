@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -134,8 +135,17 @@ def run_process(plan: Plan, own: Membership, build: Build) -> None:
             keys.START
         )  # a fast neighbour's slot may overtake it, and waits in its subscription
         _run_programs(programs, receiver)
+        if plan.silent_from(own.name) < plan.steps:
+            _suffer(plan, own.name)
+            return
         port.send(keys.finished(own.name), _last_words(receiver.intake))
         receiver.wait_for(keys.STOP)
+
+
+def _suffer(plan: Plan, name: str) -> None:
+    """Fall silent as the plan says: hang for ever, or return to crash once all that was sent is out."""
+    if any(fault.node == name and fault.kind == "hang" for fault in plan.faults):
+        threading.Event().wait()
 
 
 def _last_words(intake: Intake) -> Finished:

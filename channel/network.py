@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from bus.integrity import Forger, Gate
 from bus.kinds import load_class
 from bus.messages import ChannelEvents
 from bus.packets import Packet
 from bus.plan import LinkPlan, Plan, StagePlan
 from bus.random_streams import random_stream
-from channel.contract import ATTACKED, LOST, Ledger, Placement, Stage
+from bus.schedules import Timing
+from channel.contract import ATTACKED, DUPLICATED, INJECTED, LOST, Lane, Ledger, Placement, Slot, Stage
+from channel.draws import SlotStreams
+
+_COUNTED = (LOST, ATTACKED, INJECTED, DUPLICATED)
 
 
 def build_stage(plan: Plan, stage: StagePlan) -> Stage:
@@ -19,34 +24,78 @@ def build_stage(plan: Plan, stage: StagePlan) -> Stage:
         stream: random_stream(plan.seed, plan.trial, stream, stage.purpose)
         for stream in dict.fromkeys(stage.streams.values())
     }
-    placement = Placement(stage.label, stage.streams, generators)
+    placement = Placement(
+        stage.label,
+        stage.streams,
+        generators,
+        stage.timing.first,
+        stage.timing.last,
+        Forger(plan, stage.holds_keys),
+        stage.knowledge,
+    )
     built: Stage = load_class(stage.kind.reference)(placement, **stage.kind.parameters)
     return built
 
 
 class _Link:
-    """One link's stages, each with its window of steps."""
+    """One link's stages, each with its timing, and who receives what is left."""
 
-    __slots__ = ("destination", "name", "number", "stages")
+    __slots__ = ("destination", "keepers", "lanes", "name", "number", "place", "source")
 
-    def __init__(self, number: int, plan: LinkPlan, stages: Mapping[str, tuple[StagePlan, Stage]]) -> None:
+    def __init__(
+        self, number: int, plan: LinkPlan, place: int, stages: Mapping[str, tuple[Timing, Stage]]
+    ) -> None:
         self.number = number
         self.name = plan.name
+        self.source = plan.source
         self.destination = plan.destination
-        placed = [stages[label] for label in plan.stages]
-        self.stages = [(stage_plan.first, stage_plan.last, stage.apply) for stage_plan, stage in placed]
+        self.place = place
+        placed = [(timing, stage.lane(plan.name)) for timing, stage in map(stages.__getitem__, plan.stages)]
+        self.lanes = [
+            (
+                timing.first,
+                timing.last,
+                None if timing.schedule is None else timing.schedule.active,
+                lane.act,
+                None if type(lane).rest is Lane.rest else lane.rest,
+            )
+            for timing, lane in placed
+        ]
+        self.keepers = [lane for _, lane in placed if type(lane).rest is not Lane.rest]
 
 
 class _Account:
     """What happened in one phase and round of one step, filled link by link."""
 
-    __slots__ = ("delivered", "ledger", "left", "sent")
+    __slots__ = ("delivered", "in_flight", "ledger", "left", "refused", "sent")
 
     def __init__(self, links: int) -> None:
         self.left = links
         self.sent = [0] * links
         self.delivered = [0] * links
+        self.refused: dict[int, int] = {}
+        self.in_flight: dict[int, int] = {}
         self.ledger = Ledger()
+
+    def spread(self, counts: Mapping[int, int]) -> list[int]:
+        """Return counts by link, nothing when all are zero."""
+        if not counts:
+            return []
+        whole = [0] * len(self.sent)
+        for number, count in counts.items():
+            whole[number] = count
+        return whole
+
+
+class _Inbox:
+    """The slots of one receiver in one round of a step, in the order of their sources' names."""
+
+    __slots__ = ("has_impostors", "left", "slots")
+
+    def __init__(self, links: int) -> None:
+        self.left = links
+        self.slots: list[Sequence[Packet]] = [()] * links
+        self.has_impostors = False
 
 
 class PhaseNetwork:
@@ -58,55 +107,120 @@ class PhaseNetwork:
     the list.
     """
 
-    def __init__(self, plan: Plan, stream: str, stages: Mapping[str, tuple[StagePlan, Stage]]) -> None:
+    def __init__(self, plan: Plan, stream: str, stages: Mapping[str, tuple[Timing, Stage]]) -> None:
         self._period_s = plan.period_s
-        rounds = {estimator.name: estimator.rounds for estimator in plan.estimators}
-        links = sorted(plan.links_of(stream), key=lambda link: -rounds.get(link.source, 1))
+        self._plan = plan
+        self._rounds = {estimator.name: estimator.rounds for estimator in plan.estimators}
+        links = sorted(plan.links_of(stream), key=lambda link: -self._rounds.get(link.source, 1))
         self._names = [
-            [link.name for link in links if rounds.get(link.source, 1) > round_]
-            for round_ in range(max((rounds.get(link.source, 1) for link in links), default=0))
+            [link.name for link in links if self._rounds.get(link.source, 1) > round_]
+            for round_ in range(max((self._rounds.get(link.source, 1) for link in links), default=0))
         ]
         self._numbers = {link.name: number for number, link in enumerate(links)}
-        self._from: dict[str, list[_Link]] = {}
-        for number, link in enumerate(links):
-            self._from.setdefault(link.source, []).append(_Link(number, link, stages))
         self._in_degree = Counter(link.destination for link in links)
-        self._inboxes: dict[tuple[str, int, int], dict[str, Sequence[Packet]]] = {}
+        self._from: dict[str, list[_Link]] = {}
+        sources: dict[str, list[str]] = {}
+        for link in sorted(links, key=lambda link: link.source):
+            sources.setdefault(link.destination, []).append(link.source)
+        for number, link in enumerate(links):
+            place = sources[link.destination].index(link.source)
+            self._from.setdefault(link.source, []).append(_Link(number, link, place, stages))
+        self._gates = {receiver: Gate(plan, names) for receiver, names in sources.items()}
+        self._orders: dict[str, SlotStreams] = {}
+        self._inboxes: dict[tuple[str, int, int], _Inbox] = {}
         self._accounts: dict[tuple[int, int], _Account] = {}
+        self._watchers: dict[str, list[Timing]] = {}
+        for timing, _ in stages.values():
+            if timing.watches:
+                self._watchers.setdefault(timing.watches, []).append(timing)
 
     @property
     def sources(self) -> tuple[str, ...]:
         """The nodes that send on this stream."""
         return tuple(self._from)
 
+    @property
+    def watched(self) -> tuple[str, ...]:
+        """The nodes that triggers of this stream's stages watch, sorted."""
+        return tuple(sorted(self._watchers))
+
+    def note(self, watched: str, step: int, values: Sequence[float]) -> None:
+        """Tell the triggers what they watch."""
+        for timing in self._watchers[watched]:
+            timing.note(step, values)
+
     def transmit(
         self, source: str, step: int, round_: int, packets: Sequence[Packet]
     ) -> list[tuple[str, list[Packet]]]:
         """Pass a sender's slot over all its links; return the inboxes (receiver, packets) that it completed.
 
-        Packets of an inbox stand in the order of their sources' names.
+        Packets of an inbox stand in the order of their sources' names. Where stages made several of one
+        source meet, their order is a draw, and betrays nothing.
         """
         account = self._accounts.get((step, round_))
         if account is None:
             account = self._accounts[step, round_] = _Account(len(self._names[round_]))
+        ledger = account.ledger
+        slot = Slot(step, round_, step * self._rounds.get(source, 1) + round_)
+        sent, delivered, inboxes = account.sent, account.delivered, self._inboxes
         complete = []
         for link in self._from[source]:
             arrived = packets
-            for first, last, apply in link.stages:
-                if first <= step <= last:
-                    arrived = apply(link.name, step, arrived, account.ledger)
-            account.sent[link.number] = len(packets)
-            account.delivered[link.number] = len(arrived)
-            account.left -= 1
-            inbox = (link.destination, step, round_)
-            slots = self._inboxes.setdefault(inbox, {})
-            slots[source] = arrived
-            if len(slots) == self._in_degree[link.destination]:
-                del self._inboxes[inbox]
-                complete.append(
-                    (link.destination, [packet for name in sorted(slots) for packet in slots[name]])
-                )
+            for first, last, is_active, act, rest in link.lanes:
+                if first <= step <= last and (is_active is None or is_active(step)):
+                    arrived = act(slot, arrived, ledger)
+                elif rest is not None:
+                    arrived = rest(slot, arrived, ledger)
+            destination = link.destination
+            key = (destination, step, round_)
+            inbox = inboxes.get(key)
+            if inbox is None:
+                inbox = inboxes[key] = _Inbox(self._in_degree[destination])
+            number = link.number
+            sent[number] = len(packets)
+            delivered[number] = len(arrived)
+            if link.lanes and (arrived is not packets or link.keepers):
+                arrived = self._settle(link, slot, arrived, account, inbox)
+            inbox.slots[link.place] = arrived
+            inbox.left -= 1
+            if not inbox.left:
+                del inboxes[key]
+                complete.append((destination, self._packets(destination, slot, inbox)))
+        account.left -= len(self._from[source])
         return complete
+
+    def _settle(
+        self, link: _Link, slot: Slot, arrived: Sequence[Packet], account: _Account, inbox: _Inbox
+    ) -> Sequence[Packet]:
+        """Account for what the stages of a link kept or made up; return its packets in a drawn order."""
+        held = sum(lane.held for lane in link.keepers)
+        if held:
+            account.in_flight[link.number] = held
+        gate = self._gates[link.destination]
+        refused = sum(not gate.admits(packet) for packet in arrived)
+        if refused:
+            account.refused[link.number] = refused
+            account.delivered[link.number] -= refused
+        if any(packet.source != link.source for packet in arrived):
+            inbox.has_impostors = True
+        return self._shuffled(link.name, slot, arrived) if len(arrived) > 1 else arrived
+
+    def _shuffled(self, name: str, slot: Slot, packets: Sequence[Packet]) -> list[Packet]:
+        """Return packets that met in a slot, sorted and then permuted by a draw of this name and slot."""
+        streams = self._orders.get(name)
+        if streams is None:
+            generator = random_stream(self._plan.seed, self._plan.trial, name, "order")
+            streams = self._orders[name] = SlotStreams(generator)
+        by_content = sorted(packets, key=lambda packet: (packet.sequence, packet.values.tolist()))
+        return [by_content[index] for index in streams.at(slot.number).permutation(len(by_content))]
+
+    def _packets(self, receiver: str, slot: Slot, inbox: _Inbox) -> list[Packet]:
+        """Return the packets of a whole inbox; those that come in another's name stand among the genuine."""
+        packets = [packet for packets in inbox.slots for packet in packets]
+        if not inbox.has_impostors:
+            return packets
+        shuffled = self._shuffled(f"->{receiver}", slot, packets)
+        return sorted(shuffled, key=lambda packet: packet.source)
 
     def take_events(self, step: int, round_: int) -> ChannelEvents | None:
         """Return the events of a phase once every slot has passed, None before."""
@@ -114,24 +228,33 @@ class PhaseNetwork:
         if account.left:
             return None
         del self._accounts[step, round_]
-        names = self._names[round_]
-        lost = [0] * len(names)
-        attacked = [0] * len(names)
-        events = sorted(account.ledger.events, key=lambda event: self._numbers[event.link])
-        for event in events:
-            if event.action == LOST:
-                lost[self._numbers[event.link]] += 1
-        for link, _ in {(event.link, event.sequence) for event in events if event.action == ATTACKED}:
-            attacked[self._numbers[link]] += 1
+        names, numbers = self._names[round_], self._numbers
+        events = account.ledger.events
+        counts: dict[str, dict[int, int]] = {action: {} for action in _COUNTED}
+        if events:
+            events = sorted(events, key=lambda event: numbers[event.link])
+            seen: set[tuple[str, int]] = set()
+            for event in events:
+                count = counts.get(event.action)
+                if count is None or (event.action == ATTACKED and (event.link, event.sequence) in seen):
+                    continue
+                if event.action == ATTACKED:
+                    seen.add((event.link, event.sequence))
+                number = numbers[event.link]
+                count[number] = count.get(number, 0) + 1
         return ChannelEvents(
             step=step,
             t=step * self._period_s,
             round=round_,
             link=names,
             sent=account.sent,
-            lost=lost,
-            attacked=attacked,
+            lost=account.spread(counts[LOST]) or [0] * len(names),
+            attacked=account.spread(counts[ATTACKED]) or [0] * len(names),
             delivered=account.delivered,
+            injected=account.spread(counts[INJECTED]),
+            duplicated=account.spread(counts[DUPLICATED]),
+            refused=account.spread(account.refused),
+            in_flight=account.spread(account.in_flight),
             event_link=[event.link for event in events],
             event_stage=[event.stage for event in events],
             event_sequence=[event.sequence for event in events],
@@ -142,8 +265,20 @@ class PhaseNetwork:
 
 def build_network(plan: Plan, stream: str) -> PhaseNetwork:
     """Build the links of one stream with the stages that stand on them."""
-    wanted = {label for link in plan.links_of(stream) for label in link.stages}
+    return build_networks(plan, (stream,))[stream]
+
+
+def build_networks(plan: Plan, streams: Sequence[str]) -> dict[str, PhaseNetwork]:
+    """Build the links of some streams; a stage that stands on links of several is one in all of them."""
+    wanted = {label for stream in streams for link in plan.links_of(stream) for label in link.stages}
     stages = {
-        stage.label: (stage, build_stage(plan, stage)) for stage in plan.stages if stage.label in wanted
+        stage.label: (Timing(plan, stage.timing), build_stage(plan, stage))
+        for stage in plan.stages
+        if stage.label in wanted
     }
-    return PhaseNetwork(plan, stream, stages)
+    networks = {}
+    for stream in streams:
+        here = {label for link in plan.links_of(stream) for label in link.stages}
+        mine = {label: stage for label, stage in stages.items() if label in here}
+        networks[stream] = PhaseNetwork(plan, stream, mine)
+    return networks

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from bus import keys
 from bus.messages import Transmission
-from bus.packets import inbox, packets_of_transmission
+from bus.packets import Packet, inbox, packets_of_transmission
 from bus.plan import Plan
 from bus.program import Port, Program, every_step
-from channel.network import PhaseNetwork, build_network
+from channel.network import PhaseNetwork, build_networks
+
+STREAMS = (keys.MEASUREMENT, keys.EXCHANGE, keys.CONTROL)
 
 
 def _sender_program(
@@ -16,14 +18,30 @@ def _sender_program(
     topic = keys.tx(source, stream)
     phase = keys.phase_of(stream)
     events_topic = keys.channel(phase)
+    inbox_topics: dict[str, str] = {}
+    silent_from = plan.silent_from(source)
+
+    def told(step: int) -> Program:
+        """Let the triggers know of the step before."""
+        for node in network.watched:
+            if step <= plan.silent_from(node):
+                watch: Transmission = yield keys.tx(node, keys.WATCH)
+                network.note(node, step - 1, watch.values)
 
     def one_step(step: int) -> Program:
         t = step * plan.period_s
+        if step and network.watched:
+            yield from told(step)
         for round_ in range(rounds):
-            slot: Transmission = yield topic
-            packets = packets_of_transmission(slot, source, stream)
+            packets: list[Packet] = []
+            if step < silent_from:
+                slot: Transmission = yield topic
+                packets = packets_of_transmission(slot, source, stream)
             for receiver, arrived in network.transmit(source, step, round_, packets):
-                port.send(keys.rx(receiver, phase), inbox(step, t, round_, arrived))
+                inbox_topic = inbox_topics.get(receiver)
+                if inbox_topic is None:
+                    inbox_topic = inbox_topics[receiver] = keys.rx(receiver, phase)
+                port.send(inbox_topic, inbox(step, t, round_, arrived))
             events = network.take_events(step, round_)
             if events is not None:
                 port.send(events_topic, events)
@@ -35,10 +53,11 @@ def channel_programs(port: Port, plan: Plan) -> list[tuple[Program, tuple[str, .
     """Return the channel's programs, each with the topics that it receives."""
     rounds = {estimator.name: estimator.rounds for estimator in plan.estimators}
     programs: list[tuple[Program, tuple[str, ...]]] = []
-    for stream in (keys.MEASUREMENT, keys.EXCHANGE):
-        network = build_network(plan, stream)
+    networks = build_networks(plan, STREAMS)
+    for stream, network in networks.items():
+        watches = tuple(keys.tx(node, keys.WATCH) for node in network.watched)
         for source in network.sources:
-            slots = 1 if stream == keys.MEASUREMENT else rounds[source]
+            slots = rounds[source] if stream == keys.EXCHANGE else 1
             program = _sender_program(port, plan, network, source, stream, slots)
-            programs.append((program, (keys.tx(source, stream),)))
+            programs.append((program, (keys.tx(source, stream), *watches)))
     return programs

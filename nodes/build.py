@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from bus.kinds import load_class
-from bus.plan import EstimatorPlan, Plan
+from bus.plan import ControllerPlan, EstimatorPlan, Plan
 from bus.program import Port, Program
 from bus.random_streams import random_stream
-from nodes.contract import Estimator, Plant, Sensor, Setting
-from nodes.programs import estimator_program, plant_program, sensor_program
+from nodes.contract import Controller, ControllerSetting, Estimator, Plant, Sensor, Setting
+from nodes.programs import controller_program, estimator_program, plant_program, sensor_program
 
 
 def build_plant(plan: Plan) -> Plant:
@@ -40,6 +40,14 @@ def build_estimator(plan: Plan, own: EstimatorPlan, plant: Plant, sensors: Mappi
     return estimator
 
 
+def build_controller(plan: Plan, own: ControllerPlan, plant: Plant) -> Controller:
+    """Construct a controller, told of the plant."""
+    rng = random_stream(plan.seed, plan.trial, own.name, "controller")
+    setting = ControllerSetting(own.name, plant, rng)
+    controller: Controller = load_class(own.kind.reference)(setting, **own.kind.parameters)
+    return controller
+
+
 def node_program(port: Port, plan: Plan, name: str, window: int) -> Program:
     """Return the program of the named node; it receives the topics that `bus.grants.inputs` names."""
 
@@ -51,6 +59,9 @@ def node_program(port: Port, plan: Plan, name: str, window: int) -> Program:
         return plant_program(port, plan, plant, window, stream("initial_state"), stream("process_noise"))
     if any(sensor.name == name for sensor in plan.sensors):
         return sensor_program(port, plan, name, build_sensor(plan, name, plant), stream("measurement_noise"))
+    for commanding in plan.controllers:
+        if commanding.name == name:
+            return controller_program(port, plan, commanding, build_controller(plan, commanding, plant))
     (own,) = (estimator for estimator in plan.estimators if estimator.name == name)
     sensors = {heard: build_sensor(plan, heard, plant) for heard in own.sensors}
     estimator = build_estimator(plan, own, plant, sensors)

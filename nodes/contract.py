@@ -35,8 +35,12 @@ class Plant(Protocol):
         """Draw the state (n,) of step 0."""
         ...
 
-    def advance(self, step: int, state: Vector, rng: np.random.Generator) -> Vector:
-        """Return the state (n,) of ``step``, given that of the step before."""
+    def advance(self, step: int, state: Vector, rng: np.random.Generator, **entering: Vector) -> Vector:
+        """Return the state (n,) of ``step``, given that of the step before.
+
+        ``entering`` holds ``control`` (p,) when the topology has a controller, and ``attack`` (q,), the value
+        of the step before, when it has a signal attack; a plant that takes neither need not name it.
+        """
         ...
 
 
@@ -48,11 +52,21 @@ class LinearPlant(Plant, Protocol):
     Q: Matrix
 
 
+@runtime_checkable
+class ControlledPlant(LinearPlant, Protocol):
+    """A plant ``x+ = A x + B u + w`` with an input ``u`` (p,)."""
+
+    B: Matrix
+
+
 class Sensor(Protocol):
     """A sensor's model. A kind is constructed as ``Kind(plant, **parameters)``."""
 
-    def observe(self, step: int, state: Vector, rng: np.random.Generator) -> Vector:
-        """Measure (m,) the true state (n,)."""
+    def observe(self, step: int, state: Vector, rng: np.random.Generator, **entering: Vector) -> Vector:
+        """Measure (m,) the true state (n,).
+
+        ``entering`` holds ``attack`` (q,), this step's value, when the topology has a signal attack.
+        """
         ...
 
 
@@ -127,4 +141,23 @@ class Estimator(Protocol):
 
     def estimate(self, step: int) -> Belief:
         """Return the belief to publish for this step."""
+        ...
+
+
+@dataclass(frozen=True)
+class ControllerSetting:
+    """What a controller is told of the world."""
+
+    name: str
+    """Its own node name."""
+    plant: Plant
+    rng: np.random.Generator
+    """Its own random stream."""
+
+
+class Controller(Protocol):
+    """A controller. A kind is constructed as ``Kind(setting, **parameters)``."""
+
+    def control(self, step: int, state: Vector | None) -> Vector:
+        """Return the input (p,) for step ``step + 1``, given the estimate (n,) of ``step`` or None."""
         ...

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from bus import keys
+from bus.integrity import Gate, seal_of
 from bus.messages import Credit, Estimate, Inbox, Truth
-from bus.packets import Packet, Vector, packets_of_inbox, transmission
-from bus.plan import EstimatorPlan, Plan
+from bus.packets import UNSEALED, Packet, Vector, packets_of_inbox, transmission
+from bus.plan import ControllerPlan, EstimatorPlan, Plan
 from bus.program import Port, Program, every_step
-from nodes.contract import Belief, Estimator, Plant, Sensor
+from nodes.contract import Belief, Controller, Estimator, Plant, Sensor
+from nodes.signal_attack import SignalAttacks
 
 _log = logging.getLogger("gauntlet.node")
 
@@ -46,6 +48,40 @@ class _Pace:
             self._recorded = max(self._recorded, credit.steps_recorded)
 
 
+def _watch(port: Port, plan: Plan, node: str) -> Callable[[int, list[float]], None]:
+    """Return what tells the channel's triggers about a node; it does nothing when none watches the node."""
+    topic = keys.tx(node, keys.WATCH)
+
+    def tell(step: int, values: list[float]) -> None:
+        port.send(topic, transmission(step, step * plan.period_s, 0, step, values))
+
+    return tell if node in plan.watched else lambda step, values: None
+
+
+class _Input:
+    """The input (p,) that a plant applies: the newest that was received; a lost one is zero, or held."""
+
+    def __init__(self, plan: Plan, plant: Plant) -> None:
+        self.expected = bool(plan.plant.controllers)
+        self._topic = keys.rx(plan.plant.name, keys.CONTROL)
+        self._gate = Gate(plan, plan.plant.controllers)
+        size = np.shape(getattr(plant, "B", np.zeros((0, 0))))[1]
+        self._holds = bool(getattr(plant, "holds_input", False))
+        self._zero: Vector = np.zeros(size)
+        self.value: Vector = self._zero
+
+    def receive(self) -> Program:
+        """Take the inbox of the step before."""
+        inbox: Inbox = yield self._topic
+        packets = self._gate.admit(packets_of_inbox(inbox))
+        if packets:
+            self.value = max(packets, key=lambda packet: packet.sequence).values
+            if self.value.shape != self._zero.shape:
+                raise ValueError(f"an input has the shape {self.value.shape}, not {self._zero.shape}")
+        elif not self._holds:
+            self.value = self._zero
+
+
 def plant_program(
     port: Port,
     plan: Plan,
@@ -57,28 +93,84 @@ def plant_program(
     """Move the state and publish the truth, at most ``window`` steps ahead of what is recorded."""
     topic = keys.truth(plan.plant.name)
     pace = _Pace(plan.plant.name, window)
+    signals, control = SignalAttacks(plan), _Input(plan, plant)
+    tell = _watch(port, plan, plan.plant.name)
     state = np.zeros(0)
+
+    def entering(step: int) -> dict[str, Vector]:
+        """Return what enters the dynamics on the way into a step, besides the noise."""
+        found = {"control": control.value} if control.expected else {}
+        return found | ({"attack": signals.at(step - 1)} if signals.exist else {})
 
     def one_step(step: int) -> Program:
         nonlocal state
         yield from pace.wait(step)
-        state = plant.initial_state(initial) if step == 0 else plant.advance(step, state, noise)
-        port.send(topic, Truth(step=step, t=step * plan.period_s, state=_finite(state, "the plant's state")))
+        if step and control.expected:
+            yield from control.receive()
+        if step == 0:
+            state = plant.initial_state(initial)
+        else:
+            state = plant.advance(step, state, noise, **entering(step))
+        values = _finite(state, "the plant's state")
+        port.send(
+            topic,
+            Truth(
+                step=step,
+                t=step * plan.period_s,
+                state=values,
+                control=_finite(control.value, "the input") if step and control.expected else [],
+                attack=signals.at(step).tolist() if signals.exist else [],
+            ),
+        )
+        tell(step, values)
 
     return every_step(plan.plant.name, plan.steps, one_step)
+
+
+def _sealed(plan: Plan, name: str, stream: str) -> Callable[[int, int, list[float] | None], int]:
+    """Return what seals a node's payloads of a stream, given their step and sequence number."""
+    seal = seal_of(plan, name)
+    if seal is None:
+        return lambda step, sequence, values: UNSEALED
+
+    def check(step: int, sequence: int, values: list[float] | None) -> int:
+        return UNSEALED if values is None else seal(Packet(name, step, sequence, stream, np.array(values)))
+
+    return check
 
 
 def sensor_program(port: Port, plan: Plan, name: str, sensor: Sensor, noise: np.random.Generator) -> Program:
     """Measure the truth of every step and send it."""
     truth_topic = keys.truth(plan.plant.name)
     topic = keys.tx(name, keys.MEASUREMENT)
+    signals = SignalAttacks(plan)
+    check = _sealed(plan, name, keys.MEASUREMENT)
 
     def one_step(step: int) -> Program:
         truth: Truth = yield truth_topic
-        values = sensor.observe(step, np.array(truth.state), noise)
-        port.send(topic, transmission(step, truth.t, 0, step, _finite(values, "the measurement")))
+        entering = {"attack": signals.at(step)} if signals.exist else {}
+        measured = sensor.observe(step, np.array(truth.state), noise, **entering)
+        values = _finite(measured, "the measurement")
+        port.send(topic, transmission(step, truth.t, 0, step, values, check(step, step, values)))
 
-    return every_step(name, plan.steps, one_step)
+    return every_step(name, plan.silent_from(name), one_step)
+
+
+def controller_program(port: Port, plan: Plan, own: ControllerPlan, controller: Controller) -> Program:
+    """Send the input that each estimate asks for; without an estimate, as the controller decides."""
+    estimate_topic = keys.estimate(own.estimator)
+    topic = keys.tx(own.name, keys.CONTROL)
+    check = _sealed(plan, own.name, keys.CONTROL)
+
+    def one_step(step: int) -> Program:
+        state: Vector | None = None
+        if step < plan.silent_from(own.estimator):
+            estimate: Estimate = yield estimate_topic
+            state = None if estimate.diverged else np.array(estimate.state)
+        values = _finite(controller.control(step, state), "the input")
+        port.send(topic, transmission(step, step * plan.period_s, 0, step, values, check(step, step, values)))
+
+    return every_step(own.name, plan.silent_from(own.name), one_step)
 
 
 class _Guard:
@@ -119,7 +211,13 @@ class _Guard:
             return None
         return numbers
 
-    def estimate(self, step: int, t: float) -> Estimate:
+    def control(self, step: int, packets: Sequence[Packet]) -> None:
+        """Tell the estimator which input was commanded, if it cares."""
+        control = getattr(self._estimator, "control", None)
+        if control is not None and not self.diverged:
+            control(step, packets)
+
+    def estimate(self, step: int, t: float, refused: int) -> Estimate:
         """Return the message that publishes the estimator's belief, or its divergence."""
         if not self.diverged:
             belief = self._estimator.estimate(step)
@@ -128,15 +226,15 @@ class _Guard:
                     f"a belief has state and covariance of the shapes {self._shapes}, "
                     f"this one {(belief.state.shape, belief.covariance.shape)}"
                 )
-            message = _estimate_message(step, t, belief)
+            message = _estimate_message(step, t, belief, refused)
             scalars = [message.nis, *message.detector_statistic, *message.diagnostic_value]
             if _is_finite(message.state) and _is_finite(message.covariance) and _is_finite(scalars):
                 return message
             self._declare(step, "its estimate is not finite")
-        return _estimate_message(step, t, Belief(np.zeros(0), np.zeros((0, 0))))
+        return _estimate_message(step, t, Belief(np.zeros(0), np.zeros((0, 0))), refused)
 
 
-def _estimate_message(step: int, t: float, belief: Belief) -> Estimate:
+def _estimate_message(step: int, t: float, belief: Belief, refused: int) -> Estimate:
     """Return the message of a belief; numbers of numpy's own types become Python's, which JSON knows."""
     covariance: list[float] = belief.covariance.ravel().tolist()
     variances = covariance[:: belief.state.size + 1]
@@ -158,6 +256,7 @@ def _estimate_message(step: int, t: float, belief: Belief) -> Estimate:
         detector_alarm=[bool(detection.alarm) for detection in detections],
         diagnostic_name=list(belief.diagnostics),
         diagnostic_value=[float(value) for value in belief.diagnostics.values()],
+        refused=refused,
     )
 
 
@@ -169,27 +268,47 @@ def estimator_program(
     exchange_topic = keys.rx(own.name, keys.EXCHANGE)
     outgoing_topic = keys.tx(own.name, keys.EXCHANGE)
     estimate_topic = keys.estimate(own.name)
+    control_topic = keys.rx(own.name, keys.CONTROL)
     is_heard = any(link.source == own.name for link in plan.links_of(keys.EXCHANGE))
     guard = _Guard(own.name, estimator, state_size)
     pace = _Pace(own.name, window)
+    measured = Gate(plan, own.sensors)
+    exchanged = Gate(plan, own.neighbours)
+    controlled = Gate(plan, own.controllers)
+    check = _sealed(plan, own.name, keys.EXCHANGE)
+    tell = _watch(port, plan, own.name)
+    refused = 0
+
+    def admitted(inbox: Inbox, gate: Gate) -> Sequence[Packet]:
+        nonlocal refused
+        packets = packets_of_inbox(inbox)
+        let_in = gate.admit(packets)
+        refused += len(packets) - len(let_in)
+        return let_in
 
     def one_step(step: int) -> Program:
+        nonlocal refused
         t = step * plan.period_s
         packets: Sequence[Packet] = ()
-        if own.sensors:
-            inbox: Inbox = yield inbox_topic
-            packets = packets_of_inbox(inbox)
-        else:
+        refused = 0
+        if not own.sensors:
             yield from pace.wait(step)
+        if step and own.controllers:
+            guard.control(step - 1, admitted((yield control_topic), controlled))
+        if own.sensors:
+            packets = admitted((yield inbox_topic), measured)
         payload = guard.payload(step, None, packets)
         for round_ in range(own.rounds):
             if is_heard:
-                port.send(outgoing_topic, transmission(step, t, round_, step * own.rounds + round_, payload))
+                number = step * own.rounds + round_
+                seal = check(step, number, payload)
+                port.send(outgoing_topic, transmission(step, t, round_, number, payload, seal))
             packets = ()
             if own.neighbours:
-                inbox = yield exchange_topic
-                packets = packets_of_inbox(inbox)
+                packets = admitted((yield exchange_topic), exchanged)
             payload = guard.payload(step, round_, packets)
-        port.send(estimate_topic, guard.estimate(step, t))
+        estimate = guard.estimate(step, t, refused)
+        port.send(estimate_topic, estimate)
+        tell(step, [float(sum(estimate.detector_alarm))])
 
-    return every_step(own.name, plan.steps, one_step)
+    return every_step(own.name, plan.silent_from(own.name), one_step)

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from msgspec.structs import replace
+from numpy.typing import NDArray
 
-from bus.packets import Packet
-from channel.contract import Ledger, Placement
+from bus.packets import Packet, Vector
+from channel.contract import Lane, Ledger, Placement, Slot
 
 
 class Bias:
@@ -30,22 +30,34 @@ class Bias:
     ) -> None:
         if components is not None and isinstance(value, list) and len(value) != len(components):
             raise ValueError(f"'value' has {len(value)} entries for {len(components)} components")
-        self._label = placement.label
+        self._placement = placement
         self._value = np.asarray(value, dtype=np.float64)
         self._components = slice(None) if components is None else np.array(components, dtype=np.intp)
 
-    def apply(self, link: str, step: int, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
-        """Return the falsified packets; raises ValueError when the bias does not fit the payload."""
-        return [self._falsify(link, packet, ledger) for packet in packets]
+    def lane(self, link: str) -> Lane:
+        """Return what it does on a link."""
+        return _BiasLane(self._placement, link, self._value, self._components)
 
-    def _falsify(self, link: str, packet: Packet, ledger: Ledger) -> Packet:
+
+class _BiasLane(Lane):
+    def __init__(
+        self, placement: Placement, link: str, value: Vector, components: slice | NDArray[np.intp]
+    ) -> None:
+        super().__init__(placement, link)
+        self._value = value
+        self._components = components
+
+    def act(self, slot: Slot, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
+        return [self._falsify(packet, ledger) for packet in packets]
+
+    def _falsify(self, packet: Packet, ledger: Ledger) -> Packet:
         values = packet.values.copy()
         try:
             values[self._components] += self._value
         except (ValueError, IndexError) as error:
             raise ValueError(
-                f"the bias on {link} does not fit a payload of {values.size} values; "
+                f"the bias on {self.link} does not fit a payload of {values.size} values; "
                 "give one 'value', or one for each of its 'components'"
             ) from error
-        ledger.attacked(link, self._label, packet, float(np.linalg.norm(values - packet.values)))
-        return replace(packet, values=values)
+        ledger.attacked(self.link, self.label, packet, float(np.linalg.norm(values - packet.values)))
+        return self.placement.forged(packet, values)

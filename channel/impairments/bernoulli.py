@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 from annotated_types import Interval
 
 from bus.packets import Packet
-from channel.contract import Ledger, Placement
+from channel.contract import Lane, Ledger, Placement, Slot
 from channel.draws import SteppedDraws
 
 Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
@@ -26,15 +26,24 @@ class Bernoulli:
     open_loop: ClassVar[bool] = True
 
     def __init__(self, placement: Placement, *, loss: Probability) -> None:
-        self._label = placement.label
+        self._placement = placement
         self._loss = loss
-        draws = {name: SteppedDraws(generator) for name, generator in placement.generators.items()}
-        self._draws = {link: draws[stream] for link, stream in placement.streams.items()}
+        self._draws = placement.by_link(SteppedDraws)
 
-    def apply(self, link: str, step: int, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
-        """Return the packets, or nothing when the slot is lost."""
-        if self._draws[link].at(step) >= self._loss:
+    def lane(self, link: str) -> Lane:
+        """Return what it does on a link."""
+        return _BernoulliLane(self._placement, link, self._draws[link], self._loss)
+
+
+class _BernoulliLane(Lane):
+    def __init__(self, placement: Placement, link: str, draws: SteppedDraws, loss: float) -> None:
+        super().__init__(placement, link)
+        self._draw = draws.at
+        self._loss = loss
+
+    def act(self, slot: Slot, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
+        if self._draw(slot.step) >= self._loss:
             return packets
         for packet in packets:
-            ledger.lost(link, self._label, packet)
+            ledger.lost(self.link, self.label, packet)
         return ()

@@ -14,7 +14,7 @@ import numpy as np
 from annotated_types import Ge, Interval
 
 from bus.packets import Packet
-from channel.contract import Ledger, Placement
+from channel.contract import Lane, Ledger, Placement, Slot
 
 Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 Clock = Literal["step", "slot", "packet"]
@@ -137,29 +137,57 @@ class GilbertElliott:
             law = law_of_bursts(mean_loss, mean_burst, initial, loss_from)
         else:
             raise ValueError("give 'failure' and 'recovery', or 'mean_loss' and 'mean_burst'")
-        if clock != "step" and len(set(placement.streams.values())) < len(placement.streams):
+        if clock != "step" and placement.shares_streams:
             raise ValueError(f"a shared chain needs 'clock: step': a {clock} belongs to one link")
-        self._label = placement.label
+        self._placement = placement
         self._clock = clock
-        chains = {stream: GilbertElliottChain(law, rng) for stream, rng in placement.generators.items()}
-        self._chains = {link: chains[stream] for link, stream in placement.streams.items()}
-        self._ticks = dict.fromkeys(placement.streams, 0)
+        self._chains = placement.by_link(lambda generator: GilbertElliottChain(law, generator))
 
-    def apply(self, link: str, step: int, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
-        """Return the packets that the chain lets through."""
-        chain = self._chains[link]
-        if self._clock == "step":
-            if not chain.lost(step):
-                return packets
-            fates = [True] * len(packets)
-        elif self._clock == "packet":
-            tick = self._ticks[link]
-            self._ticks[link] += len(packets)
-            fates = [chain.lost(tick + index) for index in range(len(packets))]
-        else:
-            fates = [chain.lost(self._ticks[link])] * len(packets)
-            self._ticks[link] += 1
-        for packet, lost in zip(packets, fates, strict=True):
-            if lost:
-                ledger.lost(link, self._label, packet)
-        return [packet for packet, lost in zip(packets, fates, strict=True) if not lost]
+    def lane(self, link: str) -> Lane:
+        """Return what it does on a link."""
+        return _LANES[self._clock](self._placement, link, self._chains[link])
+
+
+class _StepLane(Lane):
+    """A link of a chain that steps drive."""
+
+    def __init__(self, placement: Placement, link: str, chain: GilbertElliottChain) -> None:
+        super().__init__(placement, link)
+        self._lost = chain.lost
+
+    def act(self, slot: Slot, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
+        return self._lose(packets, ledger) if self._lost(slot.step) else packets
+
+    def _lose(self, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
+        for packet in packets:
+            ledger.lost(self.link, self.label, packet)
+        return ()
+
+
+class _SlotLane(_StepLane):
+    """A link whose chain moves with each of its slots, an empty one too."""
+
+    _tick = -1
+
+    def act(self, slot: Slot, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
+        self._tick += 1
+        return self._lose(packets, ledger) if self._lost(self._tick) else packets
+
+
+class _PacketLane(_StepLane):
+    """A link whose chain moves with each of its packets."""
+
+    _tick = -1
+
+    def act(self, slot: Slot, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
+        arrived = []
+        for packet in packets:
+            self._tick += 1
+            if self._lost(self._tick):
+                ledger.lost(self.link, self.label, packet)
+            else:
+                arrived.append(packet)
+        return packets if len(arrived) == len(packets) else arrived
+
+
+_LANES: dict[Clock, type[_StepLane]] = {"step": _StepLane, "slot": _SlotLane, "packet": _PacketLane}

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
-from bus.packets import Packet
-from channel.contract import Ledger, Placement
+from channel.contract import Lane, Placement
 
 
 class Perfect:
@@ -15,8 +13,8 @@ class Perfect:
     open_loop: ClassVar[bool] = True
 
     def __init__(self, placement: Placement) -> None:
-        del placement
+        self._placement = placement
 
-    def apply(self, link: str, step: int, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
-        """Return the packets."""
-        return packets
+    def lane(self, link: str) -> Lane:
+        """Return what it does on a link: nothing."""
+        return Lane(self._placement, link)

@@ -13,7 +13,10 @@ from nodes.linear_algebra import square_root
 
 
 class Linear:
-    """A plant ``x+ = A x + w`` with ``w ~ N(0, Q)`` and ``x_0 ~ N(mean, covariance)``.
+    """A plant ``x+ = A x + B u + G a + w`` with ``w ~ N(0, Q)`` and ``x_0 ~ N(mean, covariance)``.
+
+    The input ``u`` (p,) comes from a controller, and ``a`` (q,) is an attack's signal; without ``B`` and
+    ``G`` the plant has neither.
 
     Parameters
     ----------
@@ -28,6 +31,12 @@ class Linear:
     state_groups
         Names for parts of the state, each with the indices of its components. Without it the whole state is
         the one group ``state``.
+    B
+        Input matrix (n, p): change of the state over one period by a unit of input.
+    G
+        Matrix (n, q) by which an attack's signal enters the dynamics.
+    holds_input
+        What a lost input counts as: the one before (True), or zero.
 
     Raises
     ------
@@ -44,6 +53,9 @@ class Linear:
         process_noise: Gaussian,
         initial: Gaussian,
         state_groups: dict[str, list[int]] | None = None,
+        B: list[list[float]] | None = None,
+        G: list[list[float]] | None = None,
+        holds_input: bool = False,
     ) -> None:
         if not period_s > 0.0:
             raise ValueError(f"period_s is {period_s}; give a positive sampling period in seconds")
@@ -56,6 +68,9 @@ class Linear:
         self.initial_mean: Vector = initial.mean_vector(n)
         self.initial_covariance: Matrix = initial.covariance_matrix(n)
         self.state_groups: Mapping[str, Sequence[int]] = _checked_groups(state_groups, n)
+        self.B: Matrix = _columns("B", B, n)
+        self.G: Matrix = _columns("G", G, n)
+        self.holds_input = holds_input
         self._noise_factor = square_root(self.Q)
         self._initial_factor = square_root(self.initial_covariance)
 
@@ -64,9 +79,21 @@ class Linear:
         state: Vector = self.initial_mean + self._initial_factor.dot(rng.standard_normal(len(self.A)))
         return state
 
-    def advance(self, step: int, state: Vector, rng: np.random.Generator) -> Vector:
-        """Return the state (n,) of ``step``, given that of the step before."""
+    def advance(
+        self,
+        step: int,
+        state: Vector,
+        rng: np.random.Generator,
+        *,
+        control: Vector | None = None,
+        attack: Vector | None = None,
+    ) -> Vector:
+        """Return the state (n,) of ``step``, given that of the step before, and what entered since."""
         moved: Vector = self.A.dot(state) + self._noise_factor.dot(rng.standard_normal(len(self.A)))
+        if control is not None:
+            moved = moved + self.B.dot(control)
+        if attack is not None:
+            moved = moved + self.G.dot(attack)
         return moved
 
 
@@ -75,6 +102,16 @@ def _square_matrix(rows: list[list[float]]) -> Matrix:
     if not rows or any(len(row) != len(rows) for row in rows):
         lengths = [len(row) for row in rows]
         raise ValueError(f"A has {len(rows)} rows of lengths {lengths}; give a square matrix, row by row")
+    return np.array(rows, dtype=np.float64)
+
+
+def _columns(name: str, rows: list[list[float]] | None, size: int) -> Matrix:
+    """Return a matrix with a row for each state component, of no column when it is not given."""
+    if rows is None:
+        return np.zeros((size, 0))
+    if len(rows) != size or len({len(row) for row in rows}) > 1 or not rows[0]:
+        lengths = [len(row) for row in rows]
+        raise ValueError(f"{name} has {len(rows)} rows of lengths {lengths}; give {size} rows of one length")
     return np.array(rows, dtype=np.float64)
 
 

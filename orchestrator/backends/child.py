@@ -42,6 +42,8 @@ def child_main(plan: Plan, own: Membership, log_file: Path) -> None:
         if command is not None:
             _become(command, plan, own)
         run_process(plan, own, build)
+        if plan.silent_from(own.name) < plan.steps:
+            os.kill(os.getpid(), signal.SIGKILL)  # the crash that the plan schedules
         code = 0
     except BaseException:
         traceback.print_exc()

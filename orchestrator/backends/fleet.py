@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -60,10 +60,12 @@ class Fleet:
             if process.pid is not None and process.exitcode not in (None, 0)
         }
 
-    def wait_for_all(self, timeout_s: float) -> None:
-        """Return when every process has ended, or after the timeout."""
+    def wait_for_all(self, timeout_s: float, without: Collection[str] = ()) -> None:
+        """Return when every process but some has ended, or after the timeout."""
         deadline = time.monotonic() + timeout_s
         for process in self._started():
+            if process.name in without:
+                continue
             process.join(max(0.0, deadline - time.monotonic()))
 
     def pid(self, name: str) -> int | None:

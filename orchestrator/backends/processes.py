@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import signal
 import threading
 import time
 from collections import Counter
@@ -56,6 +57,7 @@ class ProcessRun:
         self._run = secrets.token_hex(4)
         self._prefix = keys.prefix(self._run)
         self._names = process_names(plan)
+        self._doomed = {fault.node for fault in plan.faults}
         self._credits = [self._prefix + keys.credit(name) for name in paced(plan)]
         self._credit_batch = max(1, settings.window // _CREDITS_A_WINDOW)
         self._credited = 0
@@ -82,7 +84,7 @@ class ProcessRun:
                     self._moved = time.monotonic()
                     self._look_after_all(fleet)
                     router.put(self._prefix + keys.STOP, b"{}")
-                    fleet.wait_for_all(_JOIN_S)
+                    fleet.wait_for_all(_JOIN_S, without=self._doomed)
                 finally:
                     self._over.set()
                     end_recording()
@@ -128,7 +130,7 @@ class ProcessRun:
             recorded = self._recorder.store(topic, getattr(message, "round", 0), message.step, payload)
             if recorded > before:
                 self._note_progress(router, recorded)
-        if len(self._finished) == len(self._names) and self._recorder.complete:
+        if len(self._finished) + len(self._doomed) == len(self._names) and self._recorder.complete:
             self._over.set()
 
     def _note_progress(self, router: Router, recorded: int) -> None:
@@ -166,7 +168,7 @@ class ProcessRun:
     def _refuse_failures(self, fleet: Fleet) -> None:
         """Raise `RunFailedError` for the first process that ended before it was done."""
         for name, code in fleet.failed().items():
-            if name in self._finished:
+            if name in self._finished or (name in self._doomed and code == -signal.SIGKILL):
                 continue
             how = f"was killed by signal {-code}" if code < 0 else "failed"
             at = self._recorder.steps_recorded

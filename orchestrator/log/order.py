@@ -96,7 +96,43 @@ def dependencies(plan: Plan) -> dict[Slot, tuple[Slot, ...]]:
     }
     slots |= _exchanges(plan, last)
     estimates = {Slot(keys.estimate(name), 0): needs for name, needs in last.items()}
-    return {**slots, **_by_topic(estimates)}
+    return {**slots, **_by_topic(estimates), **_controls(plan), **_watches(plan)}
+
+
+def _controls(plan: Plan) -> dict[Slot, tuple[Slot, ...]]:
+    """Return the controllers' inputs and the inboxes of `keys.CONTROL`, each with what it waits for."""
+    sent = {
+        Slot(keys.tx(own.name, keys.CONTROL), 0): (Slot(keys.estimate(own.estimator), 0),)
+        for own in plan.controllers
+    }
+    received = {
+        Slot(keys.rx(receiver, keys.CONTROL), 0): tuple(
+            Slot(keys.tx(source, keys.CONTROL), 0) for source in sources
+        )
+        for receiver, sources in _sources(plan.links_of(keys.CONTROL)).items()
+    }
+    events = {Slot(keys.channel(keys.CONTROL), 0): tuple(sorted(sent))} if received else {}
+    return {**_by_topic(sent), **events, **_by_topic(received)}
+
+
+def _watches(plan: Plan) -> dict[Slot, tuple[Slot, ...]]:
+    """Return what nodes tell the channel's triggers, each with what it waits for."""
+    plant = plan.plant.name
+    return {
+        Slot(keys.tx(node, keys.WATCH), 0): (
+            Slot(keys.truth(node) if node == plant else keys.estimate(node), 0),
+        )
+        for node in plan.watched
+    }
+
+
+def silent_from(plan: Plan, slot: Slot) -> int:
+    """Return the first step in which a message is not sent any more; the number of steps when it always is.
+
+    What the channel sends is always sent: it makes empty slots for a silent node.
+    """
+    sender = owner(slot.topic)
+    return plan.steps if sender == CHANNEL else plan.silent_from(sender)
 
 
 def canonical_order(plan: Plan) -> tuple[Slot, ...]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable
 from typing import Protocol
 
 from bus.plan import Plan
 from orchestrator.log.errors import LogError
-from orchestrator.log.order import Slot, canonical_order
+from orchestrator.log.order import Slot, canonical_order, silent_from
 
 OTHER = "(other topics)"
 """Where rejected messages are counted when too many unknown topics were seen already."""
@@ -49,6 +50,12 @@ class Recorder:
         self._topics = tuple(slot.topic for slot in self._slots)
         self._index = {tuple(slot): index for index, slot in enumerate(self._slots)}
         self._steps = plan.steps
+        self._silent_from = sorted(silent_from(plan, slot) for slot in self._slots)
+        self._silent = {
+            index: step
+            for index, slot in enumerate(self._slots)
+            if (step := silent_from(plan, slot)) < plan.steps
+        }
         self._writer = writer
         self._window = window
         self._open: dict[int, _Step] = {}
@@ -86,6 +93,7 @@ class Recorder:
                 f"more than {self._window} steps ahead; let its program wait for inputs, or widen the window"
             )
         begun = self._open[step] = _Step(len(self._slots))
+        begun.missing -= bisect_right(self._silent_from, step)
         return begun
 
     def _reject(self, topic: str) -> int:
@@ -109,9 +117,18 @@ class Recorder:
             return ()
         step = self._open.get(self.steps_recorded)
         if step is None:
-            return self._slots
-        slots = zip(self._slots, step.payloads, strict=True)
-        return tuple(slot for slot, payload in slots if payload is None)
+            first = self._silent
+            return tuple(
+                slot
+                for index, slot in enumerate(self._slots)
+                if self.steps_recorded < first.get(index, self._steps)
+            )
+        first = self._silent
+        return tuple(
+            slot
+            for index, (slot, payload) in enumerate(zip(self._slots, step.payloads, strict=True))
+            if payload is None and self.steps_recorded < first.get(index, self._steps)
+        )
 
     def write_partial_steps(self) -> None:
         """Write what there is of the incomplete steps, in canonical order: an aborted run's last act."""

@@ -14,6 +14,9 @@ from bus.messages import ChannelEvents, Estimate, Inbox, Message, Truth
 from bus.plan import Plan
 from orchestrator.errors import InputError
 
+_IS_FALSE = {"attacked": True, "injected": True, "lost": False}
+"""The acts of the channel that concern the score: whether they make a false packet or lose one."""
+
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -143,12 +146,20 @@ class _Gatherer:
         columns = (message.sent, message.lost, message.attacked, message.delivered)
         for total, column in zip(self.counted, columns, strict=True):
             total.extend(column)
+        if message.event_link:
+            self._take_acts(message)
+
+    def _take_acts(self, message: ChannelEvents) -> None:
         rows = self.events
-        rows.link.extend(map(self.links.__getitem__, message.event_link))
-        rows.step.extend([message.step] * len(message.event_link))
-        rows.sequence.extend(message.event_sequence)
-        rows.mark.extend(action == "attacked" for action in message.event_action)
-        rows.stage.extend(map(self.stages.__getitem__, message.event_stage))
+        columns = (message.event_link, message.event_stage, message.event_sequence, message.event_action)
+        for link, stage, sequence, action in zip(*columns, strict=True):
+            is_false = _IS_FALSE.get(action)
+            if is_false is not None:
+                rows.link.append(self.links[link])
+                rows.step.append(message.step)
+                rows.sequence.append(sequence)
+                rows.mark.append(is_false)
+                rows.stage.append(self.stages[stage])
 
     def finish(self) -> Gathered:
         truth = self._truth()

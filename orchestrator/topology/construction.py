@@ -118,6 +118,13 @@ def build_stages(draft: Draft, placed: Sequence[PlacedStage]) -> None:
         generators = {
             name: random_stream(seed, trial, name, plan.purpose) for name in set(plan.streams.values())
         }
-        placement = Placement(plan.label, plan.streams, generators)
+        placement = Placement(
+            plan.label,
+            plan.streams,
+            generators,
+            plan.timing.first,
+            plan.timing.last,
+            knowledge=plan.knowledge,
+        )
         build = functools.partial(checked.found.type, placement, **checked.parameters)
         _tried(draft, stage.declared.path, checked.found.short_name, build)

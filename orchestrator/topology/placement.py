@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bus.plan import StagePlan
+from bus.plan import StagePlan, TimingPlan
 from orchestrator.topology.draft import Draft
 from orchestrator.topology.names import matches
 from orchestrator.topology.problems import PathKeys
@@ -83,7 +83,8 @@ def _plans(stage: DeclaredStage, links: Sequence[str], addresses: _Addresses) ->
     streams, label = addresses.streams(stage, links), addresses.label(stage)
     for number, (first, last) in enumerate(stage.windows, start=1):
         suffix = f"/{number}" if number > 1 else ""
-        yield StagePlan(label + suffix, stage.checked.kind, streams, stage.purpose + suffix, first, last)
+        timing = TimingPlan(first, last)
+        yield StagePlan(label + suffix, stage.checked.kind, streams, stage.purpose + suffix, timing)
 
 
 def _channels_of_links(draft: Draft, links: Sequence[str]) -> dict[str, str]:

@@ -5,7 +5,7 @@ from scipy.stats import binom
 
 from bus.packets import Packet
 from bus.random_streams import random_stream
-from channel.contract import Ledger, Placement
+from channel.contract import Ledger, Placement, Slot
 from channel.impairments.bernoulli import Bernoulli
 
 
@@ -16,7 +16,9 @@ def test_losses_are_independent_with_the_given_probability() -> None:
         Placement("bernoulli", {"l": "l"}, {"l": random_stream(2, 0, "l", "bernoulli")}), loss=0.3
     )
     packets = [Packet("s1", 0, 0, "measurement", np.zeros(1))]
-    lost = np.array([not stage.apply("l", step, packets, Ledger()) for step in range(steps)])
+    lost = np.array(
+        [not stage.lane("l").act(Slot(step, 0, step), packets, Ledger()) for step in range(steps)]
+    )
     low, high = binom.interval(1 - 1e-6, steps, 0.3)
     assert low <= lost.sum() <= high
     low, high = binom.interval(1 - 1e-6, steps // 2, 0.09)

@@ -8,7 +8,7 @@ from scipy.stats import binom, chi2
 
 from bus.packets import Packet
 from bus.random_streams import random_stream
-from channel.contract import Ledger, Placement
+from channel.contract import Ledger, Placement, Slot
 from channel.impairments.gilbert_elliott import (
     GilbertElliott,
     GilbertElliottChain,
@@ -90,8 +90,12 @@ def test_the_netem_convention_shows_the_initial_state_first_and_is_otherwise_one
 def test_links_of_a_shared_stream_meet_the_same_fates_in_whatever_order_they_are_asked() -> None:
     streams = {"e1->e2": "medium", "e2->e1": "medium"}
     shared = stage(streams, failure=0.3, recovery=0.3)
-    ahead = [len(shared.apply("e1->e2", step, [packet(step)], Ledger())) for step in range(300)]
-    behind = [len(shared.apply("e2->e1", step, [packet(step)], Ledger())) for step in range(300)]
+    ahead = [
+        len(shared.lane("e1->e2").act(Slot(step, 0, step), [packet(step)], Ledger())) for step in range(300)
+    ]
+    behind = [
+        len(shared.lane("e2->e1").act(Slot(step, 0, step), [packet(step)], Ledger())) for step in range(300)
+    ]
     assert ahead == behind
     assert 0 < sum(ahead) < 300
 
@@ -99,30 +103,30 @@ def test_links_of_a_shared_stream_meet_the_same_fates_in_whatever_order_they_are
 def test_links_with_chains_of_their_own_differ() -> None:
     own = stage({"e1->e2": "e1->e2", "e2->e1": "e2->e1"}, failure=0.3, recovery=0.3)
     left, right = (
-        [len(own.apply(link, step, [packet(step)], Ledger())) for step in range(200)]
+        [len(own.lane(link).act(Slot(step, 0, step), [packet(step)], Ledger())) for step in range(200)]
         for link in ("e1->e2", "e2->e1")
     )
     assert left != right
 
 
 def test_a_chain_clocked_by_packets_rests_while_nothing_is_sent() -> None:
-    busy = stage({"l": "l"}, failure=0.4, recovery=0.4, clock="packet")
-    lazy = stage({"l": "l"}, failure=0.4, recovery=0.4, clock="packet")
-    fates_busy = [len(busy.apply("l", step, [packet(step)], Ledger())) for step in range(100)]
+    busy = stage({"l": "l"}, failure=0.4, recovery=0.4, clock="packet").lane("l")
+    lazy = stage({"l": "l"}, failure=0.4, recovery=0.4, clock="packet").lane("l")
+    fates_busy = [len(busy.act(Slot(step, 0, step), [packet(step)], Ledger())) for step in range(100)]
     fates_lazy = []
     for step in range(200):
-        passed = lazy.apply("l", step, [packet(step)] if step % 2 else [], Ledger())
+        passed = lazy.act(Slot(step, 0, step), [packet(step)] if step % 2 else [], Ledger())
         if step % 2:
             fates_lazy.append(len(passed))
     assert fates_busy == fates_lazy
 
 
 def test_a_chain_clocked_by_slots_moves_with_every_slot_even_an_empty_one() -> None:
-    dense = stage({"l": "l"}, failure=0.4, recovery=0.4, clock="slot")
-    sparse = stage({"l": "l"}, failure=0.4, recovery=0.4, clock="slot")
-    fates_dense = [len(dense.apply("l", step, [packet(step)], Ledger())) for step in range(200)]
+    dense = stage({"l": "l"}, failure=0.4, recovery=0.4, clock="slot").lane("l")
+    sparse = stage({"l": "l"}, failure=0.4, recovery=0.4, clock="slot").lane("l")
+    fates_dense = [len(dense.act(Slot(step, 0, step), [packet(step)], Ledger())) for step in range(200)]
     fates_sparse = [
-        len(sparse.apply("l", step, [packet(step)] * (step % 2), Ledger())) for step in range(200)
+        len(sparse.act(Slot(step, 0, step), [packet(step)] * (step % 2), Ledger())) for step in range(200)
     ]
     assert fates_dense[1::2] == fates_sparse[1::2]
 
@@ -130,7 +134,7 @@ def test_a_chain_clocked_by_slots_moves_with_every_slot_even_an_empty_one() -> N
 def test_every_loss_stands_in_the_ledger() -> None:
     always = stage({"l": "l"}, failure=1.0, recovery=0.0)
     ledger = Ledger()
-    assert not always.apply("l", 0, [packet(4), packet(5)], ledger)
+    assert not always.lane("l").act(Slot(0, 0, 0), [packet(4), packet(5)], ledger)
     assert [event.sequence for event in ledger.events] == [4, 5]
     assert [event.action for event in ledger.events] == ["lost", "lost"]
 

@@ -48,7 +48,7 @@ def test_quiet_slots_have_no_packets_and_diverged_estimates_no_numbers(ring: Any
     traffic = ring.traffic(plan)
     quiet = Transmission(step=0, t=0.0, round=0, sequence=[], offset=[], values=[])
     lists = {name: [] for name in Estimate.__struct_fields__}
-    told = {"step": 0, "t": 0.0, "refers_to": 0, "diverged": True, "nis": 0.0, "nis_dof": 0}
+    told = {"step": 0, "t": 0.0, "refers_to": 0, "diverged": True, "nis": 0.0, "nis_dof": 0, "refused": 0}
     diverged = Estimate(**{**lists, **told})
     replaced = {"tx/s1/measurement": quiet, "estimate/e2": diverged}
     traffic = [

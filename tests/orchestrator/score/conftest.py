@@ -10,7 +10,7 @@ import pytest
 
 from bus import keys
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Truth
-from bus.plan import EstimatorPlan, Kind, LinkPlan, Plan, PlantPlan, SensorPlan, StagePlan
+from bus.plan import EstimatorPlan, Kind, LinkPlan, Plan, PlantPlan, SensorPlan, StagePlan, TimingPlan
 
 PERIOD = 0.05
 
@@ -46,7 +46,8 @@ def make_plan(
             for name, names in estimators.items()
         ),
         stages=tuple(
-            StagePlan(label, Kind("channel.attacks:Bias"), {}, label, 0, steps - 1) for label in stages
+            StagePlan(label, Kind("channel.attacks:Bias"), {}, label, TimingPlan(0, steps - 1))
+            for label in stages
         ),
         links=tuple(LinkPlan(source, destination, stream, ()) for source, destination, stream in heard),
     )
