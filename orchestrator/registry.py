@@ -16,7 +16,18 @@ from typing import Literal, get_args
 
 from bus.kinds import KindError, content_hash, is_file_reference, load_class
 
-Role = Literal["plants", "sensors", "estimators", "graphs", "impairments", "attacks"]
+Role = Literal[
+    "plants",
+    "sensors",
+    "estimators",
+    "controllers",
+    "graphs",
+    "impairments",
+    "attacks",
+    "signals",
+    "faults",
+    "schedules",
+]
 ROLES: tuple[Role, ...] = get_args(Role)
 
 _GENERATORS = "orchestrator.topology.graph_generators"
@@ -55,6 +66,18 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
             }
         ),
         "attacks": MappingProxyType({"bias": "channel.attacks.bias:Bias"}),
+        "controllers": MappingProxyType({}),
+        "signals": MappingProxyType({"signal": "nodes.signal_attack:Signal"}),
+        "faults": MappingProxyType({"crash": "nodes.faults:Crash", "hang": "nodes.faults:Hang"}),
+        "schedules": MappingProxyType(
+            {
+                "periodic": "bus.schedules:Periodic",
+                "bernoulli": "bus.schedules:BernoulliSchedule",
+                "markov": "bus.schedules:MarkovSchedule",
+                "state_crosses": "bus.schedules:StateCrosses",
+                "alarm": "bus.schedules:Alarm",
+            }
+        ),
     }
 )
 

@@ -79,7 +79,7 @@ def complain(
 
 def _holder(path: PathKeys) -> str:
     """Return what messages call the mapping at a path; nodes of a group share one name."""
-    if len(path) == 2 and path[0] in ("sensors", "estimators"):
+    if len(path) == 2 and path[0] in ("sensors", "estimators", "controllers"):
         return f"each of the {path[0]}"
     return f"'{spell(path)}'" if path else ""
 

@@ -6,12 +6,16 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
+import numpy as np
+
 from bus.random_streams import random_stream
 from channel.contract import Placement
-from nodes.contract import Estimator, Plant, Sensor, Setting
+from nodes.contract import ControlledPlant, ControllerSetting, Estimator, Plant, Sensor, Setting
+from nodes.signal_attack import Signal
 from orchestrator.topology.draft import CheckedKind, Draft
 from orchestrator.topology.placement import PlacedStage
 from orchestrator.topology.problems import PathKeys
+from orchestrator.topology.stages import DeclaredStage
 
 T = TypeVar("T")
 
@@ -108,6 +112,33 @@ class EstimatorBuilder:
             )
             return 0
         return rounds
+
+
+def build_controllers(draft: Draft, kinds: Mapping[str, CheckedKind], plant: Plant) -> None:
+    """Note what the classes of the controllers refuse, and a plant that takes no input."""
+    if kinds and not (isinstance(plant, ControlledPlant) and plant.B.shape[1]):
+        draft.complain(("plant",), "the plant has no input for the controllers", "give it 'B'")
+        return
+    for name, checked in kinds.items():
+        rng = random_stream(draft.sections["seed"], draft.sections["trial"], name, "controller")
+        setting = ControllerSetting(name, plant, rng)
+        build = functools.partial(checked.found.type, setting, **checked.parameters)
+        _tried(draft, ("controllers", name), f"controller {checked.found.short_name}", build)
+
+
+def check_signals(draft: Draft, attacks: Sequence[DeclaredStage], plant: Plant) -> None:
+    """Note what the classes of signal attacks refuse, and signals that do not fit the plant's ``G``."""
+    for stage in attacks:
+        if stage.role != "signal":
+            continue
+        rng = random_stream(0, 0, "signal", stage.purpose)
+        build = functools.partial(stage.checked.found.type, rng, **stage.checked.parameters)
+        signal: Signal | None = _tried(draft, stage.path, stage.checked.found.short_name, build)
+        enters = int(np.shape(getattr(plant, "G", np.zeros((0, 0))))[1])
+        if signal is not None and signal.size != enters:
+            cure = "give the plant 'G' with a column for each component of the signal"
+            message = f"a signal of {signal.size} components for a plant that takes {enters}"
+            draft.complain(stage.path, message, cure)
 
 
 def build_stages(draft: Draft, placed: Sequence[PlacedStage]) -> None:

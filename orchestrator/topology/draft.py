@@ -23,8 +23,14 @@ _OWN_KEYS: Mapping[str, frozenset[str]] = {
     "plant": frozenset({"model"}),
     "sensors": frozenset({"model"}),
     "estimators": frozenset({"method", "sensors"}),
+    "controllers": frozenset({"law", "estimator"}),
 }
-_ROLES: Mapping[str, Role] = {"plant": "plants", "sensors": "sensors", "estimators": "estimators"}
+_ROLES: Mapping[str, Role] = {
+    "plant": "plants",
+    "sensors": "sensors",
+    "estimators": "estimators",
+    "controllers": "controllers",
+}
 
 
 @dataclass(frozen=True)
@@ -120,7 +126,7 @@ class Draft:
         return CheckedKind(found, values(filled), plain(filled))
 
     def check_node_kind(self, section: str, path: PathKeys) -> CheckedKind | None:
-        """Return the kind of the plant, a sensor or an estimator; ``path`` is that of the node."""
+        """Return the kind of the plant, or of a node of a section; ``path`` is that of the node."""
         entry, found = self.root.nearest(path)
         named = entry.mapping.get(KIND_KEYS[section])
         if found != path or named is None or not isinstance(named.value, str):

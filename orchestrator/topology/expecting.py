@@ -10,7 +10,7 @@ from orchestrator.topology.draft import Draft
 from orchestrator.topology.names import select
 from orchestrator.topology.problems import PathKeys, did_you_mean
 from orchestrator.topology.schema import Limit
-from orchestrator.topology.stages import links_of_pattern
+from orchestrator.topology.targets import links_of_pattern
 
 
 def read_expectations(draft: Draft, groups: Collection[str], links: Sequence[str]) -> tuple[Expectation, ...]:

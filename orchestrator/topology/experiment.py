@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +44,14 @@ def topology_from_experiment(experiment: bytes) -> Topology:
     file = TopologyFile.model_validate_json(json.dumps(content["topology"]))
     origin = Origin(LOGGED.name, 0, LOGGED.parent)
     sections = {key: getattr(file, key) for key in TopologyFile.model_fields}
-    root = Entry({"estimators": Entry(dict.fromkeys(file.estimators, Entry(None, origin)), origin)}, origin)
+    nodes: dict[str, Iterable[str]] = {"sensors": file.sensors, "estimators": file.estimators, "controllers": file.controllers}
+    root = Entry(
+        {
+            section: Entry(dict.fromkeys(names, Entry(None, origin)), origin)
+            for section, names in nodes.items()
+        },
+        origin,
+    )
     draft = _TrustedDraft(root, Problems(), sections=sections)
     listens = {name: list(own.sensors or ()) for name, own in file.estimators.items()}
     neighbours: dict[str, dict[str, float]] = {name: {} for name in file.estimators}
@@ -61,16 +68,30 @@ def topology_from_experiment(experiment: bytes) -> Topology:
             name: draft.check_kind("estimators", own.method, (), (), own.parameters)
             for name, own in file.estimators.items()
         },
+        {
+            name: draft.check_kind("controllers", own.law, (), (), own.parameters)
+            for name, own in file.controllers.items()
+        },
         declared_attacks(draft),
         declared_channels(draft),
     )
-    links = [f"{source}->{destination}" for source, destination, _ in links_between(listens, wiring)]
+    heard_by = {name: own.estimator for name, own in file.controllers.items()}
+    links = [
+        f"{source}->{destination}" for source, destination, _ in links_between(listens, wiring, heard_by)
+    ]
     placed, on_link = place(draft, kinds.attacks, kinds.channels, links)
     state_groups = {name: tuple(indices) for name, indices in content["state_groups"].items()}
     return Topology(
         path=LOGGED,
         plan=make_plan(
-            str(file.name), sections, kinds, listens, wiring, [stage.plan for stage in placed], on_link
+            str(file.name),
+            draft,
+            kinds,
+            listens,
+            wiring,
+            [stage.plan for stage in placed],
+            on_link,
+            file.integrity,
         ),
         state_groups=state_groups,
         expectations=read_expectations(draft, state_groups, links),

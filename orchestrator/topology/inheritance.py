@@ -9,13 +9,22 @@ from orchestrator.topology.document import Entry, read_document, shown
 from orchestrator.topology.names import NodeNameError, expand
 from orchestrator.topology.problems import PathKeys, Problems
 
-NODE_SECTIONS = ("sensors", "estimators")
-KIND_KEYS = {"plant": "model", "sensors": "model", "estimators": "method"}
+NODE_SECTIONS = ("sensors", "estimators", "controllers")
+KIND_KEYS = {"plant": "model", "sensors": "model", "estimators": "method", "controllers": "law"}
 GRAPH_OPTIONS = ("directed", "weights")
 
-_KEPT_WITH_NEW_KIND = ("sensors",)
+_KEPT_WITH_NEW_KIND = ("sensors", "estimator")
 _NOT_INHERITED = ("name", "description", "extends")
-_PRUNED_SECTIONS = (*NODE_SECTIONS, "graph", "channel", "expect", "score", "process")
+_PRUNED_SECTIONS = (
+    *NODE_SECTIONS,
+    "graph",
+    "channel",
+    "integrity",
+    "adversary",
+    "expect",
+    "score",
+    "process",
+)
 
 
 def read_with_bases(path: Path, problems: Problems) -> Entry | None:

@@ -6,7 +6,15 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from orchestrator.backends.contract import RunSettings
-from orchestrator.topology.construction import EstimatorBuilder, build_plant, build_sensors, build_stages
+from orchestrator.topology.adversary import granted, integrity_of
+from orchestrator.topology.construction import (
+    EstimatorBuilder,
+    build_controllers,
+    build_plant,
+    build_sensors,
+    build_stages,
+    check_signals,
+)
 from orchestrator.topology.draft import CheckedKind, Draft
 from orchestrator.topology.expecting import read_expectations
 from orchestrator.topology.graph import Graph, read_graph
@@ -17,12 +25,8 @@ from orchestrator.topology.placement import place
 from orchestrator.topology.problems import Origin, Problem, Problems, TopologyError
 from orchestrator.topology.resolve import Kinds, links_between, make_plan, resolved_document
 from orchestrator.topology.resolved import Topology
-from orchestrator.topology.stages import (
-    check_sides,
-    declared_attacks,
-    declared_channels,
-    refuse_repeated_names,
-)
+from orchestrator.topology.stages import declared_attacks, declared_channels, refuse_repeated_names
+from orchestrator.topology.targets import check_targets
 from orchestrator.topology.wiring import wire
 
 __all__ = ["Problem", "Topology", "TopologyError", "find_problems", "load_topology"]
@@ -95,6 +99,7 @@ def _finished(draft: Draft, file: Path) -> Topology:
         draft.check_node_kind("plant", ("plant",)),
         _node_kinds(draft, "sensors"),
         _node_kinds(draft, "estimators"),
+        _node_kinds(draft, "controllers"),
         declared_attacks(draft),
         declared_channels(draft),
     )
@@ -112,11 +117,9 @@ def _check_names(draft: Draft, kinds: Kinds) -> dict[str, list[str]]:
     for name in set(draft.names("sensors")) & set(draft.names("estimators")):
         cure = f"call them s{name} and e{name}, for example"
         draft.complain(("estimators", name), f"'{name}' is both a sensor and an estimator", cure)
-    for stage in kinds.attacks:
-        for index, pattern in enumerate(stage.on):
-            check_sides(draft, pattern, (*stage.path, "on", index))
-    for pattern in draft.sections.get("channel") or {}:
-        check_sides(draft, pattern, ("channel", pattern))
+    for name in set(draft.names("controllers")) & {*draft.names("sensors"), *draft.names("estimators")}:
+        draft.complain(("controllers", name), f"'{name}' is another node's name too", f"call it c{name}")
+    check_targets(draft, kinds.attacks)
     return listeners(draft, kinds.estimators)
 
 
@@ -137,11 +140,18 @@ def _wired(
     draft.problems.stop_if_any()
     builder = EstimatorBuilder(draft, kinds.estimators, plant, sensors, listens)
     wiring = wire(draft, graph, kinds.estimators, builder)
+    build_controllers(draft, kinds.controllers, plant)
+    check_signals(draft, kinds.attacks, plant)
     _refuse_idle(draft, listens, wiring.neighbours)
     warn_of_unheard(draft, listens)
     draft.problems.stop_if_any()
-    links = [f"{source}->{destination}" for source, destination, _ in links_between(listens, wiring)]
+    heard_by = {name: own.estimator for name, own in draft.sections["controllers"].items()}
+    links = [
+        f"{source}->{destination}" for source, destination, _ in links_between(listens, wiring, heard_by)
+    ]
     placed, on_link = place(draft, kinds.attacks, kinds.channels, links)
+    placed = granted(draft, placed, plant, sensors, listens)
+    integrity = integrity_of(draft, placed)
     build_stages(draft, placed)
     state_groups = {str(name): tuple(indices) for name, indices in plant.state_groups.items()}
     expectations = read_expectations(draft, state_groups, links)
@@ -151,14 +161,14 @@ def _wired(
     stages = [stage.plan for stage in placed]
     return Topology(
         path=file,
-        plan=make_plan(name, draft.sections, kinds, listens, wiring, stages, on_link),
+        plan=make_plan(name, draft, kinds, listens, wiring, stages, on_link, integrity),
         state_groups=state_groups,
         expectations=expectations,
         score_options=draft.sections["score"],
         settings=RunSettings(window=process.window, stall_s=process.stall_s),
         backend=process.backend,
         warnings=tuple(draft.warnings),
-        document=resolved_document(name, draft.sections, kinds, listens, wiring, expectations),
+        document=resolved_document(name, draft.sections, kinds, listens, wiring, integrity, expectations),
     )
 
 

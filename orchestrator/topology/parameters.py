@@ -21,9 +21,13 @@ RESERVED_PARAMETERS: Mapping[Role, frozenset[str]] = {
     "plants": frozenset({"model"}),
     "sensors": frozenset({"model"}),
     "estimators": frozenset({"method", "sensors"}),
+    "controllers": frozenset({"law", "estimator"}),
     "graphs": frozenset({"directed", "weights"}),
     "impairments": frozenset({"name", "scope", "stream"}),
-    "attacks": frozenset({"name", "on", "scope", "steps", "stream"}),
+    "attacks": frozenset({"name", "on", "scope", "steps", "stream", "when"}),
+    "signals": frozenset({"name", "on", "scope", "steps", "stream", "when"}),
+    "faults": frozenset({"name", "on", "scope", "steps", "stream", "when"}),
+    "schedules": frozenset(),
 }
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, protected_namespaces=())
@@ -43,7 +47,7 @@ def parameters_model(kind: FoundKind, role: Role) -> type[Parameters]:
     Raises `KindError` when a topology cannot state one of them.
     """
     constructor = inspect.getattr_static(kind.type, "__init__")
-    given = 1 if role == "graphs" else 2
+    given = 1 if role in ("graphs", "faults") else 2
     stated = list(inspect.signature(constructor).parameters.values())[given:]
     if constructor is object.__init__:
         stated = []

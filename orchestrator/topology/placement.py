@@ -15,11 +15,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bus.plan import StagePlan, TimingPlan
+from bus.plan import FaultPlan, SignalPlan, StagePlan, TimingPlan
 from orchestrator.topology.draft import Draft
 from orchestrator.topology.names import matches
 from orchestrator.topology.problems import PathKeys
-from orchestrator.topology.stages import DeclaredStage, links_of_pattern
+from orchestrator.topology.stages import DeclaredStage
+from orchestrator.topology.targets import PLANT_NAME, as_link_pattern, links_of_pattern, senders
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def place(
     addresses = _Addresses()
     placed: list[PlacedStage] = []
     on_link: dict[str, list[str]] = {link: [] for link in links}
-    for stage in (*attacks, *channels):
+    for stage in (*(stage for stage in attacks if stage.role == "attack"), *channels):
         if stage.role == "attack":
             mine = _attacked_links(draft, stage, links)
         else:
@@ -83,8 +84,49 @@ def _plans(stage: DeclaredStage, links: Sequence[str], addresses: _Addresses) ->
     streams, label = addresses.streams(stage, links), addresses.label(stage)
     for number, (first, last) in enumerate(stage.windows, start=1):
         suffix = f"/{number}" if number > 1 else ""
-        timing = TimingPlan(first, last)
+        timing = timing_of(stage, first, last, label, suffix)
         yield StagePlan(label + suffix, stage.checked.kind, streams, stage.purpose + suffix, timing)
+
+
+def timing_of(stage: DeclaredStage, first: int, last: int, label: str, suffix: str = "") -> TimingPlan:
+    """Return when a stage acts in one of its windows; its links share the draws of its schedule."""
+    if stage.when is None:
+        return TimingPlan(first, last)
+    watches = getattr(stage.when.found.type, "watches", None)
+    return TimingPlan(
+        first,
+        last,
+        stage.when.kind,
+        stream=stage.stream or label,
+        purpose=f"{stage.purpose}{suffix}/when",
+        watches="" if watches is None else watches(stage.when.parameters, PLANT_NAME),
+    )
+
+
+def signal_plans(attacks: Sequence[DeclaredStage]) -> list[SignalPlan]:
+    """Return the signals that enter plant and sensors, one for each window."""
+    addresses = _Addresses()
+    plans = []
+    for stage in attacks:
+        if stage.role == "signal":
+            label = addresses.label(stage)
+            for number, (first, last) in enumerate(stage.windows, start=1):
+                suffix = f"/{number}" if number > 1 else ""
+                timing = timing_of(stage, first, last, label, suffix)
+                plans.append(SignalPlan(label + suffix, stage.checked.kind, stage.purpose + suffix, timing))
+    return plans
+
+
+def fault_plans(draft: Draft, attacks: Sequence[DeclaredStage]) -> list[FaultPlan]:
+    """Return the scheduled ends of nodes."""
+    names = senders(draft)
+    return [
+        FaultPlan(name, stage.checked.found.name, stage.windows[0][0])
+        for stage in attacks
+        if stage.role == "fault"
+        for name in names
+        if any(matches(pattern, name) for pattern in stage.on)
+    ]
 
 
 def _channels_of_links(draft: Draft, links: Sequence[str]) -> dict[str, str]:
@@ -118,7 +160,7 @@ def _attacked_links(draft: Draft, stage: DeclaredStage, links: Sequence[str]) ->
 
 
 def _complain_of_no_link(draft: Draft, pattern: str, path: PathKeys, links: Sequence[str]) -> None:
-    _, _, right = pattern.partition("->")
+    _, _, right = as_link_pattern(pattern).partition("->")
     into = [link for link in links if matches(right, link.partition("->")[2])]
     shown = ", ".join(into[:8]) + (", ..." if len(into) > 8 else "")
     draft.complain(path, f"there is no link {pattern}", f"into {right} lead: {shown}" if into else "")

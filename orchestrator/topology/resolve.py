@@ -9,15 +9,23 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from bus.keys import EXCHANGE, MEASUREMENT
-from bus.plan import EstimatorPlan, LinkPlan, Plan, PlantPlan, SensorPlan, StagePlan
+from bus.keys import CONTROL, EXCHANGE, MEASUREMENT
+from bus.plan import (
+    ControllerPlan,
+    EstimatorPlan,
+    LinkPlan,
+    Plan,
+    PlantPlan,
+    SensorPlan,
+    StagePlan,
+)
 from orchestrator.registry import portable_name
 from orchestrator.score.expectation import Expectation
-from orchestrator.topology.draft import CheckedKind
+from orchestrator.topology.draft import CheckedKind, Draft
+from orchestrator.topology.placement import fault_plans, signal_plans
 from orchestrator.topology.stages import DeclaredStage
+from orchestrator.topology.targets import PLANT_NAME
 from orchestrator.topology.wiring import Wiring
-
-PLANT_NAME = "plant"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,37 +35,51 @@ class Kinds:
     plant: CheckedKind | None
     sensors: Mapping[str, CheckedKind]
     estimators: Mapping[str, CheckedKind]
+    controllers: Mapping[str, CheckedKind]
     attacks: Sequence[DeclaredStage]
     channels: Sequence[DeclaredStage]
 
 
-def links_between(listens: Mapping[str, Sequence[str]], wiring: Wiring) -> list[tuple[str, str, str]]:
-    """Return every link (source, destination, stream): measurements first, receiver by receiver."""
+def links_between(
+    listens: Mapping[str, Sequence[str]], wiring: Wiring, heard_by: Mapping[str, str]
+) -> list[tuple[str, str, str]]:
+    """Return every link (source, destination, stream): measurements first, receiver by receiver.
+
+    ``heard_by`` gives the estimator of each controller.
+    """
     measured = [(sensor, name, MEASUREMENT) for name, sensors in listens.items() for sensor in sensors]
     exchanged = [
         (source, name, EXCHANGE) for name, sources in wiring.neighbours.items() for source in sources
     ]
-    return measured + exchanged
+    commanded = [
+        (controller, receiver, CONTROL)
+        for controller, estimator in heard_by.items()
+        for receiver in (PLANT_NAME, estimator)
+    ]
+    return measured + exchanged + commanded
 
 
 def make_plan(
     name: str,
-    sections: Mapping[str, Any],
+    draft: Draft,
     kinds: Kinds,
     listens: Mapping[str, Sequence[str]],
     wiring: Wiring,
     stages: Sequence[StagePlan],
     on_link: Mapping[str, tuple[str, ...]],
+    integrity: Mapping[str, str],
 ) -> Plan:
     """Return the plan of a topology that is in order."""
     assert kinds.plant is not None
+    sections = draft.sections
+    heard_by = {name: own.estimator for name, own in sections["controllers"].items()}
     return Plan(
         name=name,
         seed=sections["seed"],
         trial=sections["trial"],
         steps=sections["steps"],
         period_s=sections["period_s"],
-        plant=PlantPlan(PLANT_NAME, kinds.plant.kind),
+        plant=PlantPlan(PLANT_NAME, kinds.plant.kind, tuple(heard_by)),
         sensors=tuple(SensorPlan(sensor, checked.kind) for sensor, checked in kinds.sensors.items()),
         estimators=tuple(
             EstimatorPlan(
@@ -66,14 +88,21 @@ def make_plan(
                 tuple(listens[estimator]),
                 wiring.neighbours[estimator],
                 wiring.rounds[estimator],
+                tuple(name for name, heard in heard_by.items() if heard == estimator),
             )
             for estimator, checked in kinds.estimators.items()
         ),
         stages=tuple(stages),
         links=tuple(
             LinkPlan(source, destination, stream, on_link[f"{source}->{destination}"])
-            for source, destination, stream in links_between(listens, wiring)
+            for source, destination, stream in links_between(listens, wiring, heard_by)
         ),
+        controllers=tuple(
+            ControllerPlan(name, checked.kind, heard_by[name]) for name, checked in kinds.controllers.items()
+        ),
+        signals=tuple(signal_plans(kinds.attacks)),
+        faults=tuple(fault_plans(draft, kinds.attacks)),
+        integrity=integrity,
     )
 
 
@@ -83,6 +112,7 @@ def resolved_document(
     kinds: Kinds,
     listens: Mapping[str, Sequence[str]],
     wiring: Wiring,
+    integrity: Mapping[str, str],
     expectations: Sequence[Expectation],
 ) -> dict[str, Any]:
     """Return the topology as plain data with nothing left to defaults, bases, ranges or generators."""
@@ -100,6 +130,10 @@ def resolved_document(
             node: {"method": kind.found.name, "sensors": list(listens[node]), **kind.plain}
             for node, kind in kinds.estimators.items()
         },
+        "controllers": {
+            node: {"law": kind.found.name, "estimator": sections["controllers"][node].estimator, **kind.plain}
+            for node, kind in kinds.controllers.items()
+        },
         "graph": {
             "edges": [
                 [source, node, weight]
@@ -110,6 +144,8 @@ def resolved_document(
         },
         "channel": _channels(sections["channel"], kinds.channels),
         "attacks": [_attack(stage) for stage in kinds.attacks],
+        "adversary": sections["adversary"].model_dump(mode="json"),
+        "integrity": dict(integrity),
         "expect": _expectations(expectations),
         "score": dataclasses.asdict(sections["score"]),
         "process": sections["process"].model_dump(mode="json"),
@@ -133,10 +169,12 @@ def _channels(patterns: Iterable[str], stages: Sequence[DeclaredStage]) -> dict[
 
 def _attack(stage: DeclaredStage) -> dict[str, Any]:
     windows = [list(window) for window in stage.windows]
+    when = {} if stage.when is None else {"when": {stage.when.found.name: dict(stage.when.plain)}}
     return {
         stage.checked.found.name: dict(stage.checked.plain),
         "on": list(stage.on),
         "steps": windows,
+        **when,
         **_options(stage),
     }
 
@@ -167,6 +205,9 @@ def experiment_document(document: Mapping[str, Any]) -> dict[str, Any]:
     experiment["estimators"] = {
         node: _portable(own, "method") for node, own in experiment["estimators"].items()
     }
+    experiment["controllers"] = {
+        node: _portable(own, "law") for node, own in experiment["controllers"].items()
+    }
     experiment["channel"] = {
         pattern: [_portable_keys(stage) for stage in stages]
         for pattern, stages in experiment["channel"].items()
@@ -180,7 +221,10 @@ def _portable(node: Mapping[str, Any], kind_key: str) -> dict[str, Any]:
 
 
 def _portable_keys(stage: Mapping[str, Any]) -> dict[str, Any]:
-    return {portable_name(key): value for key, value in stage.items()}
+    portable = {portable_name(key): value for key, value in stage.items()}
+    if "when" in portable:
+        portable["when"] = {portable_name(key): value for key, value in portable["when"].items()}
+    return portable
 
 
 def to_yaml(document: Mapping[str, Any], comment: str) -> str:

@@ -13,6 +13,7 @@ from orchestrator.topology.parameters import STRICT
 
 Whole = Annotated[int, Ge(0), Le(LARGEST_INTEGER)]
 Number = int | float
+Knowledge = Literal["topology", "model", "innovations", "keys"]
 RunName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 
 
@@ -58,6 +59,13 @@ class EstimatorSection(KindSection):
     )
 
 
+class ControllerSection(KindSection):
+    """One controller: it hears an estimator and commands the plant's input."""
+
+    law: str = Field(description="kind of controller: a registered name, module:Class or file.py:Class")
+    estimator: str = Field(description="the estimator that it acts on, and that is told its inputs")
+
+
 class GraphSection(KindSection):
     """Who exchanges with whom: one generator with its parameters, or edges, or a GraphML file."""
 
@@ -72,12 +80,18 @@ class GraphSection(KindSection):
 
 
 class AttackSection(KindSection):
-    """One attack: a kind with its parameters, the links it is on, and when."""
+    """One attack: a kind with its parameters, what it is on, and when."""
 
-    on: str | list[str] = Field(description="links: s4->e4, patterns allowed, or a list")
+    on: str | list[str] = Field(
+        description="links: s4->e4, patterns allowed, or a list; a node stands for all links that leave it; "
+        "'plant' for a signal"
+    )
     steps: list[int] | list[list[int]] | None = Field(
         None,
         description="first and last step, inclusive, or several such pairs; without it the whole run",
+    )
+    when: dict[str, Any] | None = Field(
+        default=None, description="a schedule or trigger inside these steps, such as {periodic: {every: 20}}"
     )
     name: RunName | None = Field(default=None, description="names it in the log and in random streams")
     scope: Literal["per_link", "shared"] | None = Field(
@@ -96,6 +110,16 @@ class Limit(Section):
     at_most: float | None = None
     at_least: float | None = None
     equals: float | None = None
+
+
+class AdversarySection(Section):
+    """What the adversary is granted to know; it stands in the log."""
+
+    knows: list[Knowledge] = Field(
+        default_factory=list,
+        description="topology: who hears whom; model: the matrices of plant and sensors; innovations: gain "
+        "and innovation covariance of the estimators' steady-state filters; keys: those of all senders",
+    )
 
 
 class ProcessSettings(Section):
@@ -130,12 +154,20 @@ class TopologyFile(Section):
         default_factory=dict, description="by name or range s1..s20; none when estimators only exchange"
     )
     estimators: dict[str, EstimatorSection] = Field(description="by name or range e1..e20")
+    controllers: dict[str, ControllerSection] = Field(
+        default_factory=dict, description="by name; at most one commands the plant"
+    )
     graph: GraphSection | None = None
     channel: dict[str, Stages] = Field(
         default_factory=dict,
         description="stages by link pattern, e*->e*; the last pattern that fits a link holds",
     )
     attacks: list[AttackSection] = Field(default_factory=list)
+    adversary: AdversarySection = Field(default_factory=AdversarySection)
+    integrity: dict[str, Literal["none", "crc", "mac"]] = Field(
+        default_factory=dict,
+        description="how senders seal their packets, by pattern of names: not, by a check sum, or by a key",
+    )
     expect: dict[str, Limits] = Field(default_factory=dict, description="figures that make the file a test")
     score: ScoreOptions = Field(default_factory=ScoreOptions)
     process: ProcessSettings = Field(default_factory=ProcessSettings)

@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from orchestrator.registry import UnknownKindError, find_kind
+from bus.kinds import KindError
+from orchestrator.registry import Role, UnknownKindError, find_kind
 from orchestrator.topology.draft import CheckedKind, Draft
-from orchestrator.topology.names import matches, split_number
+from orchestrator.topology.names import split_number
 from orchestrator.topology.problems import PathKeys, did_you_mean
 from orchestrator.topology.schema import AttackSection
 
@@ -19,13 +20,18 @@ PLACEHOLDERS = frozenset({"link", "source", "destination", "source_number", "des
 
 Window = tuple[int, int]
 Scope = Literal["per_link", "shared"]
+StageRole = Literal["attack", "channel", "signal", "fault"]
 
 
 @dataclass(frozen=True)
 class DeclaredStage:
-    """One declared stage: ``on`` are link patterns, ``windows`` its windows of steps, both ends inclusive."""
+    """One declared stage: ``on`` says where, ``windows`` are its windows of steps, both ends inclusive.
 
-    role: Literal["attack", "channel"]
+    ``on`` are link patterns, of a signal the plant, and of a fault patterns of nodes. ``when`` is the
+    schedule inside the windows.
+    """
+
+    role: StageRole
     checked: CheckedKind
     on: tuple[str, ...]
     windows: tuple[Window, ...]
@@ -33,6 +39,7 @@ class DeclaredStage:
     scope: Scope
     stream: str | None
     path: PathKeys
+    when: CheckedKind | None = None
 
     @property
     def purpose(self) -> str:
@@ -54,8 +61,11 @@ class DeclaredStage:
         )
 
 
+_STAGE_ROLES: Mapping[Role, StageRole] = {"signals": "signal", "faults": "fault"}
+
+
 def declared_attacks(draft: Draft) -> list[DeclaredStage]:
-    """Return the attacks that are in order, in the order of the file."""
+    """Return the attacks on links, plant and nodes that are in order, in the order of the file."""
     attacks: list[AttackSection] = draft.sections.get("attacks") or []
     found = (_attack(draft, section, ("attacks", index)) for index, section in enumerate(attacks))
     return [stage for stage in found if stage is not None]
@@ -72,13 +82,32 @@ def _attack(draft: Draft, section: AttackSection, path: PathKeys) -> DeclaredSta
         return None
     ((kind, stated),) = section.parameters.items()
     windows = _windows(draft, section, path)
-    checked = _stage_kind(draft, kind, stated, path, "attacks")
-    if checked is None or windows is None:
+    others: tuple[Role, ...] = ("signals", "faults", "impairments")
+    registry_role: Role = next((role for role in others if _is_registered(draft, role, kind)), "attacks")
+    checked = _stage_kind(draft, kind, stated, path, registry_role)
+    when, fits = _schedule(draft, section, path)
+    if checked is None or windows is None or not fits:
         return None
     on = (section.on,) if isinstance(section.on, str) else tuple(section.on)
     scope = section.scope or "per_link"
     _check_stream(draft, section.stream, section.scope, path)
-    return DeclaredStage("attack", checked, on, windows, section.name, scope, section.stream, path)
+    role = _STAGE_ROLES.get(registry_role, "attack")
+    return DeclaredStage(role, checked, on, windows, section.name, scope, section.stream, path, when)
+
+
+def _schedule(draft: Draft, section: AttackSection, path: PathKeys) -> tuple[CheckedKind | None, bool]:
+    """Return the schedule inside an attack's windows, and whether it is in order; what is wrong is noted."""
+    if section.when is None:
+        return None, True
+    path = (*path, "when")
+    if len(section.when) != 1:
+        listed = ", ".join(section.when) or "none"
+        cure = "for example {periodic: {every: 20, steps_on: 5}}"
+        draft.complain(path, f"'when' has exactly one schedule, here: {listed}", cure)
+        return None, False
+    ((kind, stated),) = section.when.items()
+    checked = _stage_kind(draft, kind, stated, path, "schedules")
+    return checked, checked is not None
 
 
 def _windows(draft: Draft, section: AttackSection, path: PathKeys) -> tuple[Window, ...] | None:
@@ -183,30 +212,28 @@ def _check_stream(draft: Draft, stream: str | None, scope: str | None, path: Pat
         draft.complain((*path, "stream"), f"'{stream}' has an unknown placeholder", f"there is: {listed}")
 
 
-def _stage_kind(
-    draft: Draft, kind: str, stated: Any, path: PathKeys, role: Literal["impairments", "attacks"]
-) -> CheckedKind | None:
+def _stage_kind(draft: Draft, kind: str, stated: Any, path: PathKeys, role: Role) -> CheckedKind | None:
     """Return the kind of a stage. An impairment may serve as an attack, not the other way round."""
     place = (*path, kind)
     stated = {} if stated is None else stated
     if not isinstance(stated, dict):
         draft.complain(place, f"the parameters of {kind} are not a mapping", f"write '{kind}: {{...}}'")
         return None
-    if role == "attacks" and _is_registered(draft, "impairments", kind):
-        return draft.check_kind("impairments", kind, place, place, stated)
-    if role == "impairments" and _is_registered(draft, "attacks", kind):
+    if path[0] == "channel" and _is_registered(draft, "attacks", kind):
         draft.complain(place, f"{kind} is an attack", "state it under 'attacks', with 'on' and 'steps'")
         return None
     return draft.check_kind(role, kind, place, place, stated)
 
 
-def _is_registered(draft: Draft, role: Literal["impairments", "attacks"], kind: str) -> bool:
+def _is_registered(draft: Draft, role: Role, kind: str) -> bool:
     if ":" in kind:
         return False
     try:
         find_kind(role, kind, draft.root.origin.directory)
     except UnknownKindError:
         return False
+    except KindError:
+        pass
     return True
 
 
@@ -219,24 +246,3 @@ def refuse_repeated_names(draft: Draft, stages: Sequence[DeclaredStage]) -> None
                 (*stage.path, "name"), f"the name '{stage.name}' is taken", "give each stage its own"
             )
         taken.add(stage.name or "")
-
-
-def links_of_pattern(pattern: str, links: Sequence[str]) -> list[str]:
-    """Return the links (``a->b``) that fit a pattern of two sides."""
-    left, _, right = pattern.partition("->")
-    ends = ((link, *link.split("->")) for link in links)
-    return [link for link, source, receiver in ends if matches(left, source) and matches(right, receiver)]
-
-
-def check_sides(draft: Draft, pattern: str, path: PathKeys) -> None:
-    """Note sides of a link pattern that name no node: this needs no graph, so it can be told early."""
-    left, arrow, right = pattern.partition("->")
-    if not arrow or not left or not right or "->" in right:
-        draft.complain(path, f"'{pattern}' is not a link", "write s4->e4, or e*->e*")
-        return
-    estimators = draft.names("estimators")
-    sources = draft.names("sensors") + estimators
-    for side, names in ((left, sources), (right, estimators)):
-        if not any(matches(side, name) for name in names):
-            what = "sensor or estimator" if names is sources else "estimator"
-            draft.complain(path, f"'{pattern}': there is no {what} '{side}'", did_you_mean(side, names))
