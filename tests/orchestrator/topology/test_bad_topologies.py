@@ -181,7 +181,7 @@ BAD: dict[str, Bad] = {
     ),
     # Channel and attacks
     "pattern without arrow": Bad("e*->e*:", "e*:", ("'e*' is not a link",), 13),
-    "pattern of nobody": Bad("e*->e*:", "f*->e*:", ("there is no sensor or estimator 'f*'",), 13),
+    "pattern of nobody": Bad("e*->e*:", "f*->e*:", ("there is no sender 'f*'",), 13),
     "pattern without link": Bad("e*->e*:", "e1->e3:", ("there is no link e1->e3", "e2->e3"), 13),
     "two kinds in a stage": Bad("{loss: 0.1}", "{loss: 0.1}, perfect: {}", ("exactly one kind",), 13),
     "option beside the kind": Bad("{loss: 0.1}", "{loss: 0.1}, scope: shared", ("all else inside it",), 13),
@@ -190,7 +190,7 @@ BAD: dict[str, Bad] = {
     "attack in the channel": Bad(
         "{bernoulli: {loss: 0.1}}", "{bias: {value: 1}}", ("bias is an attack",), 13
     ),
-    "attack on nobody": appended("attacks: [{bias: {value: 1}, on: s9->e1}]\n", "sensor or estimator 's9'"),
+    "attack on nobody": appended("attacks: [{bias: {value: 1}, on: s9->e1}]\n", "there is no sender 's9'"),
     "attack on no link": appended("attacks: [{bias: {value: 1}, on: s1->e2}]\n", "no link s1->e2", "s2->e2"),
     "attack without kind": appended("attacks: [{on: s1->e1}]\n", "exactly one kind, here: none"),
     "attack nowhere": appended("attacks: [{bias: {value: 1}}]\n", "needs the key 'on'"),

@@ -79,7 +79,7 @@ def test_the_same_method_again_keeps_the_parameters(tmp_path: Path) -> None:
 @pytest.mark.parametrize("path", ["attacks[0].steps", "attacks.0.steps"])
 def test_an_item_of_a_list(path: str, tmp_path: Path) -> None:
     stage = load(tmp_path, f"{path}=[7, 9]").plan.stages[0]
-    assert (stage.first, stage.last) == (7, 9)
+    assert (stage.timing.first, stage.timing.last) == (7, 9)
 
 
 def test_a_metric_whose_name_holds_a_dot(tmp_path: Path) -> None:
