@@ -135,7 +135,7 @@ def run_process(plan: Plan, own: Membership, build: Build) -> None:
             keys.START
         )  # a fast neighbour's slot may overtake it, and waits in its subscription
         _run_programs(programs, receiver)
-        if plan.silent_from(own.name) < plan.steps:
+        if any(fault.node == own.name for fault in plan.faults):
             _suffer(plan, own.name)
             return
         port.send(keys.finished(own.name), _last_words(receiver.intake))

@@ -157,16 +157,14 @@ def sensor_program(port: Port, plan: Plan, name: str, sensor: Sensor, noise: np.
 
 
 def controller_program(port: Port, plan: Plan, own: ControllerPlan, controller: Controller) -> Program:
-    """Send the input that each estimate asks for; without an estimate, as the controller decides."""
+    """Send the input that each estimate asks for; of a diverged one, what the controller decides."""
     estimate_topic = keys.estimate(own.estimator)
     topic = keys.tx(own.name, keys.CONTROL)
     check = _sealed(plan, own.name, keys.CONTROL)
 
     def one_step(step: int) -> Program:
-        state: Vector | None = None
-        if step < plan.silent_from(own.estimator):
-            estimate: Estimate = yield estimate_topic
-            state = None if estimate.diverged else np.array(estimate.state)
+        estimate: Estimate = yield estimate_topic
+        state = None if estimate.diverged else np.array(estimate.state)
         values = _finite(controller.control(step, state), "the input")
         port.send(topic, transmission(step, step * plan.period_s, 0, step, values, check(step, step, values)))
 
