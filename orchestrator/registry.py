@@ -59,6 +59,14 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
 )
 
 
+def own_modules() -> list[str]:
+    """Return the modules of all built-in kinds that a process of a run may be told to run."""
+    references = (
+        reference for role, kinds in BUILT_IN.items() if role != "graphs" for reference in kinds.values()
+    )
+    return sorted({reference.rpartition(":")[0] for reference in references})
+
+
 class UnknownKindError(KindError):
     """No role has a kind of this name; ``known`` lists what there is."""
 
