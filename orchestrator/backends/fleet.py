@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -26,9 +27,12 @@ class Fleet:
     def __init__(self, plan: Plan, members: Iterable[Membership], log_dir: Path) -> None:
         fork_server.make_ready(_kind_modules(plan))
         context = multiprocessing.get_context("forkserver")
+        pickled_plan = pickle.dumps(plan)  # once for all
         self._processes: dict[str, ForkServerProcess] = {
             member.name: context.Process(
-                target=child_main, args=(plan, member, log_dir / f"{member.name}.log"), name=member.name
+                target=child_main,
+                args=(pickled_plan, member, log_dir / f"{member.name}.log"),
+                name=member.name,
             )
             for member in members
         }
