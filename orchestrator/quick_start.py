@@ -20,10 +20,12 @@ def load_to_run(
 ) -> tuple[Topology, Backend]:
     """Return a topology that is ready to run, and the backend to run it on: the file's unless one is given.
 
-    Meanwhile the process that forks the nodes loads what they need, on another processor. There is none left
-    if the run needs none, or if the topology is bad (`orchestrator.topology.load.TopologyError`).
+    Meanwhile the process that forks the nodes loads what they need, on another processor. None is left when
+    the run needs none; if the topology is bad (`orchestrator.topology.load.TopologyError`), until the exit.
     """
-    with _without_collections(), _fork_server_under_way(backend):
+    if backend != "inprocess":
+        fork_server.start_early()
+    with _without_collections():
         import orchestrator.run  # noqa: F401  part of what starting a run takes
         from orchestrator.topology.load import load_topology
 
@@ -32,18 +34,6 @@ def load_to_run(
     if chosen == "inprocess":
         fork_server.end_early()
     return topology, chosen
-
-
-@contextmanager
-def _fork_server_under_way(backend: Backend | None) -> Iterator[None]:
-    """Start it unless it is known to be of no use; end it when the topology cannot be read."""
-    if backend != "inprocess":
-        fork_server.start_early()
-    try:
-        yield
-    except BaseException:
-        fork_server.end_early()
-        raise
 
 
 @contextmanager

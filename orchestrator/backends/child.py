@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import logging
 import os
 import pickle
 import signal
@@ -79,12 +78,11 @@ def _become(command: list[str], plan: Plan, own: Membership) -> None:
 
 
 def _redirect_output(log_file: Path) -> None:
-    """Send standard output and error, and the warnings of our own code, to the process's log file."""
+    """Send standard output and error, where warnings go too, to the process's log file."""
     descriptor = os.open(log_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
     os.close(descriptor)
-    logging.basicConfig(stream=sys.stderr, format="%(message)s")
 
 
 def _leave_with_parent() -> None:

@@ -5,6 +5,7 @@ It is `multiprocessing`'s own. Started early, it loads what nodes need while the
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import threading
@@ -23,11 +24,15 @@ _early = threading.Event()  # set while a server that was started early has fork
 
 
 def start_early() -> None:
-    """Start it, if there is none yet; it loads what it can without knowing the topology."""
+    """Start it, if there is none yet; it loads what it can without knowing the topology.
+
+    If no run comes of it, it is ended before the interpreter exits.
+    """
     is_first = _server._forkserver_pid is None
     _start(())
     if is_first:
         _early.set()
+        atexit.register(end_early)
 
 
 def end_early() -> None:
@@ -37,7 +42,7 @@ def end_early() -> None:
     """
     if not _early.is_set():
         return
-    _early.clear()
+    _forget()
     with suppress(ProcessLookupError):
         os.kill(_server._forkserver_pid, signal.SIGKILL)
     _server._stop()
@@ -54,8 +59,13 @@ def make_ready(modules: Collection[str]) -> None:
     foreign = sorted(set(modules) - set(own_modules()))
     if foreign:
         end_early()
-    _early.clear()
+    _forget()
     _start(foreign)
+
+
+def _forget() -> None:
+    _early.clear()
+    atexit.unregister(end_early)
 
 
 def _start(modules: Collection[str]) -> None:
