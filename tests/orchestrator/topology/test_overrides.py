@@ -48,6 +48,12 @@ def test_one_node_out_of_a_range(tmp_path: Path) -> None:
     assert [sensor.kind.parameters["noise"].std for sensor in plan.sensors] == [0.1, 0.1, 0.7, 0.1]
 
 
+def test_a_section_may_be_stated_with_groups(tmp_path: Path) -> None:
+    stated = "estimators={e1..e4: {method: secure_distributed, coupling: 0.02}}"
+    plan = load(tmp_path, stated, "estimators.e2.coupling=0.03").plan
+    assert [own.kind.parameters["coupling"] for own in plan.estimators] == [0.02, 0.03, 0.02, 0.02]
+
+
 @pytest.mark.parametrize("nodes", ["e2..e3", "e[2]"])
 def test_a_range_of_nodes(nodes: str, tmp_path: Path) -> None:
     if nodes == "e[2]":
