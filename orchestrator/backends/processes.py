@@ -26,7 +26,7 @@ from orchestrator.log.recorder import Recorder
 
 _LOOK_EVERY_S = 0.2
 _CREDITS_A_WINDOW = (
-    4  # steps are granted in bunches: messages that travel together cost less, and wake fewer processes
+    2  # steps are granted in bunches: messages that travel together cost less, and wake fewer processes
 )
 _JOIN_S = 5.0
 _LOG_TAIL_LINES = 25
