@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
@@ -23,7 +25,10 @@ DUPLICATED: Final = "duplicated"
 ALTERED: Final = "altered"
 """Values changed by the network itself; magnitude as for attacked."""
 DELAYED: Final = "delayed"
-"""Kept for a later slot; magnitude is the number of slots."""
+"""Kept for a later slot; magnitude is for how long: steps, or slots where a kind counts slots."""
+
+NEVER: Final = sys.maxsize
+"""A step after the end of every run."""
 
 T = TypeVar("T")
 
@@ -34,6 +39,19 @@ class Slot(NamedTuple):
     step: int
     round: int
     number: int
+
+
+_GREATEST = sys.float_info.max
+
+
+def norm(values: Vector) -> float:
+    """Return the Euclidean norm, or the greatest number when that is less: a log holds no infinity."""
+    return min(math.hypot(*values.tolist()), _GREATEST)
+
+
+def distance(a: list[float], b: list[float]) -> float:
+    """Return the Euclidean distance, or the greatest number when that is less."""
+    return min(math.dist(a, b), _GREATEST)
 
 
 class Event(NamedTuple):
@@ -64,8 +82,7 @@ class Ledger:
 
     def injected(self, link: str, stage: str, packet: Packet) -> None:
         """Note that a stage added a packet that nobody sent."""
-        magnitude = float(np.linalg.norm(packet.values))
-        self.events.append(Event(link, stage, packet.sequence, INJECTED, magnitude))
+        self.events.append(Event(link, stage, packet.sequence, INJECTED, norm(packet.values)))
 
     def duplicated(self, link: str, stage: str, packet: Packet) -> None:
         """Note that a stage added a copy of a packet."""
@@ -76,7 +93,7 @@ class Ledger:
         self.events.append(Event(link, stage, packet.sequence, ALTERED, magnitude))
 
     def delayed(self, link: str, stage: str, packet: Packet, slots: int) -> None:
-        """Note that a stage keeps a packet for a number of slots."""
+        """Note that a stage keeps a packet for a number of slots (or steps)."""
         self.events.append(Event(link, stage, packet.sequence, DELAYED, float(slots)))
 
 
@@ -131,7 +148,8 @@ class Lane:
     """What one stage does on one link; it may keep state, and keep packets for later slots.
 
     It is called once for every slot of its link, in their order: `act` in steps of action, `rest` in the
-    others. Whoever keeps packets counts them in ``held`` and lets them go in `rest` as well.
+    others; slots that it is quiet in are left out. Whoever keeps packets counts them in ``held`` and lets
+    them go in `rest` as well.
     """
 
     held: int = 0
@@ -149,9 +167,20 @@ class Lane:
         """Return the packets of a slot outside the steps of action."""
         return packets
 
+    def quiet_until(self, step: int) -> int:
+        """Return a step before which, from the given one on, `act` and `rest` would hand on what they get.
+
+        They are not called before it while nothing is held: a kind that knows its fates ahead saves most of
+        its calls. By default it is the given step itself, and they are called for every slot.
+        """
+        return step
+
 
 class Stage(Protocol):
     """One declared stage over all its links. A kind is constructed as ``Kind(placement, **parameters)``.
+
+    A kind may declare more: ``default_integrity`` (``"crc"``: its senders seal their packets unless told
+    otherwise), ``reseals`` (True: it stands for a part of the sender, and may seal in the sender's name).
 
     Its lanes are called in the order of the slots on each link, but in any order over links: what it draws
     for a shared stream must depend on the step alone.
