@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
@@ -9,6 +10,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
 import numpy as np
 from msgspec.structs import replace
 
+from bus import keys
 from bus.integrity import Forger
 from bus.packets import Packet, Vector
 
@@ -64,7 +66,7 @@ class Ledger:
 
     def injected(self, link: str, stage: str, packet: Packet) -> None:
         """Note that a stage added a packet that nobody sent."""
-        magnitude = float(np.linalg.norm(packet.values))
+        magnitude = math.hypot(*packet.values.tolist())  # the score finds the packet again by it
         self.events.append(Event(link, stage, packet.sequence, INJECTED, magnitude))
 
     def duplicated(self, link: str, stage: str, packet: Packet) -> None:
@@ -98,6 +100,8 @@ class Placement:
         Seals false packets, as far as the adversary can; None seals nothing.
     knowledge
         What the topology grants it to know: matrices as nested lists, by name.
+    carries
+        The stream of packets that each of its links carries (`bus.keys`); measurements if not told.
     """
 
     label: str
@@ -107,6 +111,11 @@ class Placement:
     last: int = 0
     forger: Forger | None = None
     knowledge: Mapping[str, Any] = field(default_factory=dict)
+    carries: Mapping[str, str] = field(default_factory=dict)
+
+    def kind_on(self, link: str) -> str:
+        """Return the kind of the packets that a link carries."""
+        return self.carries.get(link, keys.MEASUREMENT)
 
     def by_link(self, make: Callable[[np.random.Generator], T]) -> dict[str, T]:
         """Return what ``make`` makes of each stream's generator, by link; links of one stream share it."""

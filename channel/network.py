@@ -24,16 +24,18 @@ def build_stage(plan: Plan, stage: StagePlan) -> Stage:
         stream: random_stream(plan.seed, plan.trial, stream, stage.purpose)
         for stream in dict.fromkeys(stage.streams.values())
     }
+    kind = load_class(stage.kind.reference)
     placement = Placement(
         stage.label,
         stage.streams,
         generators,
         stage.timing.first,
         stage.timing.last,
-        Forger(plan, stage.holds_keys),
+        Forger(plan, stage.holds_keys or getattr(kind, "is_insider", False)),
         stage.knowledge,
+        {link.name: link.stream for link in plan.links if link.name in stage.streams},
     )
-    built: Stage = load_class(stage.kind.reference)(placement, **stage.kind.parameters)
+    built: Stage = kind(placement, **stage.kind.parameters)
     return built
 
 
