@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from channel.attacks.injecting import InjectingLane
-from channel.attacks.laws import CountLaw, Near, ValueLaw, count_law
+from channel.attacks.laws import CountLaw, Natural, Near, ValueLaw, count_law
 from channel.contract import Lane, Placement
 from channel.draws import SlotStreams
 
@@ -28,7 +28,7 @@ class Babbling:
     is_insider: ClassVar[bool] = True
 
     def __init__(
-        self, placement: Placement, *, count: int | CountLaw, spread: float | list[float] = 0.0
+        self, placement: Placement, *, count: Natural | CountLaw, spread: float | list[float] = 0.0
     ) -> None:
         self._placement = placement
         self._count, self._law = count_law(count), ValueLaw(near=Near(spread))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from channel.attacks.injecting import InjectingLane
-from channel.attacks.laws import CountLaw, ValueLaw, count_law
+from channel.attacks.laws import CountLaw, Natural, ValueLaw, count_law
 from channel.contract import Lane, Placement
 from channel.draws import SlotStreams
 
@@ -27,7 +27,7 @@ class Injection:
 
     open_loop: ClassVar[bool] = True
 
-    def __init__(self, placement: Placement, *, values: ValueLaw, count: int | CountLaw = 1) -> None:
+    def __init__(self, placement: Placement, *, values: ValueLaw, count: Natural | CountLaw = 1) -> None:
         self._placement = placement
         self._count, self._law = count_law(count), values
         self._slots = placement.by_link(SlotStreams)

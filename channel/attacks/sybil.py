@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from channel.attacks.injecting import InjectingLane
-from channel.attacks.laws import CountLaw, ValueLaw, count_law
+from channel.attacks.laws import CountLaw, Natural, ValueLaw, count_law
 from channel.contract import Lane, Placement
 from channel.draws import SlotStreams
 
@@ -30,7 +30,7 @@ class Sybil:
     open_loop: ClassVar[bool] = True
 
     def __init__(
-        self, placement: Placement, *, identity: str, values: ValueLaw, count: int | CountLaw = 1
+        self, placement: Placement, *, identity: str, values: ValueLaw, count: Natural | CountLaw = 1
     ) -> None:
         own = [link for link in placement.streams if link.partition("->")[0] == identity]
         if own:
