@@ -66,8 +66,9 @@ def load_text(folder: Path, text: str) -> Plan:
 
 
 def write_shape(topology: Path, steps: int, out: Path) -> None:
-    """Write what the bare network is told of a topology: neighbours, and mean sizes of messages."""
-    plan = load_topology(topology, (f"steps={steps}", "expect=null", "attacks=null")).plan
+    """Write what the bare network is told of a topology: window, neighbours, and mean sizes of messages."""
+    loaded = load_topology(topology, (f"steps={steps}", "expect=null", "attacks=null"))
+    plan = loaded.plan
     count: Counter[str] = Counter()
     size: Counter[str] = Counter()
 
@@ -80,6 +81,7 @@ def write_shape(topology: Path, steps: int, out: Path) -> None:
     run_messages(plan, weigh)
     number = {own.name: index for index, own in enumerate(plan.estimators)}
     shape = {
+        "window": loaded.settings.window,
         "neighbours": [sorted(number[name] for name in own.neighbours) for own in plan.estimators],
         "bytes": {kind: round(size[kind] / count[kind]) for kind in count},
     }

@@ -17,11 +17,8 @@ import time
 from pathlib import Path
 
 import orchestrator.command_line.app  # noqa: F401  what the command loads, and one BLAS thread before numpy
-from benchmarks.networks import run_counting
 from benchmarks.reference.usage import cpu_s, memory_mb
-from orchestrator.run import run_topology
-from orchestrator.run_directory import make_run_directory
-from orchestrator.topology.load import load_topology
+from orchestrator.quick_start import load_to_run
 
 
 def node_processes() -> list[int]:
@@ -87,14 +84,22 @@ def main() -> None:
     """Run once and print the JSON line."""
     entered_s = time.monotonic()
     asked = parse()
-    topology = load_topology(asked.topology, asked.set)
+    unrecorded = asked.backend == "unrecorded"
+    topology, backend = load_to_run(
+        asked.topology, asked.set, None, "inprocess" if unrecorded else asked.backend
+    )
     plan = topology.plan
     meter = Meter(plan.steps)
-    if asked.backend == "unrecorded":
+    if unrecorded:
+        from benchmarks.networks import run_counting
+
         run_counting(plan, meter.note)
     else:
+        from orchestrator.run import run_topology
+        from orchestrator.run_directory import make_run_directory
+
         directory = make_run_directory(asked.out, plan.name, plan.seed)
-        report = run_topology(topology, directory, asked.backend, meter.note)
+        report = run_topology(topology, directory, backend, meter.note)
         if report.exit_code:
             sys.exit(f"the run ended with code {report.exit_code}: {report.message}")
     start_up_s = meter.first_s - (entered_s if asked.since is None else asked.since)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -14,6 +15,7 @@ Vector = NDArray[np.float64]
 
 UNSEALED = -1
 """The seal of a packet whose sender does not seal its packets."""
+_ONE_PACKET = [0]
 
 
 class Packet(msgspec.Struct, frozen=True):
@@ -35,16 +37,12 @@ class Packet(msgspec.Struct, frozen=True):
 def _payloads(values: list[float], offset: list[int]) -> list[Vector]:
     """Return the payload of each packet; raises ValueError when the offsets do not partition the values."""
     whole = np.array(values)
-    payloads = []
-    begin = offset[0] if offset else -1
-    fits = begin == 0
-    for end in (*offset[1:], len(values)):
-        fits = fits and begin <= end
-        payloads.append(whole[begin:end])
-        begin = end
-    if not fits:
+    if offset == _ONE_PACKET:
+        return [whole]
+    ends = [*offset, len(values)]
+    if ends[0] != 0 or sorted(ends) != ends:
         raise ValueError(f"offsets {offset} do not partition {len(values)} values")
-    return payloads
+    return [whole[begin:end] for begin, end in pairwise(ends)]
 
 
 def packets_of_transmission(message: Transmission, source: str, kind: str) -> list[Packet]:
@@ -56,9 +54,9 @@ def packets_of_transmission(message: Transmission, source: str, kind: str) -> li
         )
     if not sequences:
         return []
+    if not checks and message.offset == _ONE_PACKET:
+        return [Packet(source, message.step, sequences[0], kind, np.array(message.values))]
     payloads = _payloads(message.values, message.offset)
-    if len(sequences) == 1 and not checks:
-        return [Packet(source, message.step, sequences[0], kind, payloads[0])]
     seals = checks or [UNSEALED] * len(sequences)
     return [
         Packet(source, message.step, sequence, kind, values, seal)
@@ -68,17 +66,18 @@ def packets_of_transmission(message: Transmission, source: str, kind: str) -> li
 
 def packets_of_inbox(message: Inbox) -> list[Packet]:
     """Return the packets of an inbox in order; raises ValueError when its lists do not fit one another."""
-    columns = (message.source, message.sent_step, message.sequence, message.kind)
-    size = len(message.offset)
-    lengths = {size, len(message.check) or size, *(len(column) for column in columns)}
-    if len(lengths) > 1:
+    source, sent_step, sequence, kind = message.source, message.sent_step, message.sequence, message.kind
+    offset, check = message.offset, message.check
+    size = len(offset)
+    if not len(source) == len(sent_step) == len(sequence) == len(kind) == size == (len(check) or size):
+        lengths = {len(column) for column in (source, sent_step, sequence, kind, offset)} | {len(check)}
         raise ValueError(f"the lists of an inbox have different lengths: {sorted(lengths)}")
     if not size:
         return []
-    payloads = _payloads(message.values, message.offset)
-    if message.check:
-        return list(map(Packet, *columns, payloads, message.check))
-    return list(map(Packet, *columns, payloads))
+    payloads = _payloads(message.values, offset)
+    if check:
+        return list(map(Packet, source, sent_step, sequence, kind, payloads, check))
+    return list(map(Packet, source, sent_step, sequence, kind, payloads))
 
 
 def transmission(
@@ -100,32 +99,21 @@ def transmission(
 
 def inbox(step: int, t: float, round_: int, packets: Sequence[Packet]) -> Inbox:
     """Return the inbox that carries the packets, in the order given."""
-    source: list[str] = []
-    sent_step: list[int] = []
-    sequence: list[int] = []
-    kind: list[str] = []
     offset: list[int] = []
     values: list[float] = []
-    check: list[int] = []
-    is_sealed = False
     for packet in packets:
-        source.append(packet.source)
-        sent_step.append(packet.sent_step)
-        sequence.append(packet.sequence)
-        kind.append(packet.kind)
         offset.append(len(values))
         values += packet.values.tolist()
-        check.append(packet.check)
-        is_sealed = is_sealed or packet.check != UNSEALED
+    check = [packet.check for packet in packets]
     return Inbox(
         step=step,
         t=t,
         round=round_,
-        source=source,
-        sent_step=sent_step,
-        sequence=sequence,
-        kind=kind,
+        source=[packet.source for packet in packets],
+        sent_step=[packet.sent_step for packet in packets],
+        sequence=[packet.sequence for packet in packets],
+        kind=[packet.kind for packet in packets],
         offset=offset,
         values=values,
-        check=check if is_sealed else [],
+        check=check if check.count(UNSEALED) < len(check) else [],
     )

@@ -176,8 +176,15 @@ class Plan:
         silent: dict[str, int] = {}
         for fault in self.faults:
             silent[fault.node] = min(fault.step, silent.get(fault.node, self.steps))
+        for controller in self.controllers:
+            if controller.estimator in silent:
+                own = silent.get(controller.name, self.steps)
+                silent[controller.name] = min(own, silent[controller.estimator])
         return silent
 
     def silent_from(self, node: str) -> int:
-        """Return the first step in which a node is silent; the number of steps when it never is."""
+        """Return the first step in which a node is silent; the number of steps when it never is.
+
+        A controller says no more than the estimator that it hears.
+        """
         return self._silent_from.get(node, self.steps)

@@ -37,12 +37,12 @@ Build = Callable[[Port], Sequence[tuple[Program, Sequence[str]]]]
 class _BusPort:
     """Sends messages under the run's prefix."""
 
-    def __init__(self, client: Client, prefix: str) -> None:
-        self._client = client
-        self._prefix = prefix
+    def __init__(self, client: Client, run: str, topics: Sequence[str]) -> None:
+        self._put = client.put
+        self._keys = {topic: keys.prefix(run) + topic for topic in topics}
 
     def send(self, topic: str, message: Message | Finished) -> None:
-        self._client.put(self._prefix + topic, encode(message))
+        self._put(self._keys[topic], encode(message))
 
 
 def rounds_of_topics(plan: Plan) -> dict[str, int]:
@@ -68,10 +68,15 @@ class _Receiver:
         self._subscription = {topic: number for number, topic in enumerate(subscriptions(plan, own.name))}
         self._patience_s = 2.0 * own.stall_s + 10.0  # supervision speaks first, and knows more
         self.intake = Intake(rounds_of_topics(plan))
+        self._own_way = {
+            topic: (number, self.intake.turnstile(topic).admit)
+            for topic, number in self._subscription.items()
+            if topic in inputs(plan, own.name)
+        }
 
     def tells_apart(self, topics: Sequence[str]) -> bool:
         """Return whether each of the topics has a subscription of its own."""
-        return all(topic in self._subscription for topic in topics)
+        return all(topic in self._own_way for topic in topics)
 
     def wait_for(self, topic: str) -> None:
         """Wait for the orchestrator's word."""
@@ -80,9 +85,9 @@ class _Receiver:
 
     def next_of(self, topic: str) -> Any:
         """Return the next message of a topic that has a subscription of its own."""
-        number = self._subscription[topic]
+        number, admit = self._own_way[topic]
         while True:
-            message = self.intake.admit(topic, self._client.receive(self._patience_s, number)[1])
+            message = admit(self._client.take(self._patience_s, number))
             if message is not None:
                 return message
 
@@ -126,7 +131,7 @@ def run_process(plan: Plan, own: Membership, build: Build) -> None:
         backlog=_messages_a_step(plan, own.name) * (own.window + 1) + 1,
         stall_s=own.stall_s,
     ) as client:
-        port = _BusPort(client, prefix)
+        port = _BusPort(client, own.run, (*outputs(plan, own.name), keys.finished(own.name)))
         programs = build(port)
         receiver = _Receiver(client, plan, own)
         gc.freeze()  # what is there now stays; collections need not look at it again
@@ -135,7 +140,7 @@ def run_process(plan: Plan, own: Membership, build: Build) -> None:
             keys.START
         )  # a fast neighbour's slot may overtake it, and waits in its subscription
         _run_programs(programs, receiver)
-        if plan.silent_from(own.name) < plan.steps:
+        if any(fault.node == own.name for fault in plan.faults):
             _suffer(plan, own.name)
             return
         port.send(keys.finished(own.name), _last_words(receiver.intake))

@@ -80,7 +80,12 @@ class Router:
         self._session = self._open(grants, listen)
         atexit.register(self.close)
         tokens = self._session.liveliness().declare_subscriber("**", _channel(), history=True)
-        self._feed(tokens, self._note_token)
+
+        def note_tokens() -> None:
+            for token in tokens.handler:
+                self._note_token(token)
+
+        self._feed(note_tokens)
 
     def password(self, user: str) -> str:
         """Return the password drawn for `user` in this run."""
@@ -93,9 +98,12 @@ class Router:
         returns when all that had arrived is delivered.
         """
         subscriber = self._session.declare_subscriber(key_expr, _channel())
-        feeder = self._feed(
-            subscriber, lambda sample: deliver(str(sample.key_expr), sample.payload.to_bytes())
-        )
+
+        def run() -> None:
+            for sample in subscriber.handler:
+                deliver(str(sample.key_expr), sample.payload.to_bytes())
+
+        feeder = self._feed(run)
 
         def end() -> None:
             subscriber.undeclare()  # type: ignore[no-untyped-call]
@@ -163,18 +171,12 @@ class Router:
         if gone and on_gone is not None:
             on_gone(key)
 
-    def _feed(
-        self, subscriber: zenoh.Subscriber[Any], consume: Callable[[zenoh.Sample], Any]
-    ) -> threading.Thread:
+    def _feed(self, empty: Callable[[], None]) -> threading.Thread:
         # Zenoh's receiving threads fill its own channel without the interpreter's lock, and a daemon thread
         # empties it. A callback in them would hold up everybody's traffic while the orchestrator computes: it
         # took twice the CPU and halved the steps per second. The thread that Zenoh would start for one is no
         # daemon: a session left open would keep the interpreter for ever.
-        def run() -> None:
-            for sample in subscriber.handler:
-                consume(sample)
-
-        feeder = threading.Thread(target=run, name="bus", daemon=True)
+        feeder = threading.Thread(target=empty, name="bus", daemon=True)
         feeder.start()
         self._feeders.append(feeder)
         return feeder
@@ -281,15 +283,12 @@ class Client:
         Raises `BusTimeout` within a second after `timeout_s` seconds; the subscriptions are over then. Raises
         `BusError` within milliseconds of the router's end, once all that had come before is received.
         """
-        self._deadline = time.monotonic() + timeout_s
-        try:
-            sample = self._channels[subscription].recv()
-        except zenoh.ZError:
-            if self._router_gone:
-                raise BusError(f"{self.user}: the router is gone, the run is over") from None
-            raise BusTimeout(f"{self.user} received nothing for {timeout_s:g} s") from None
-        self._deadline = math.inf
+        sample = self._next(timeout_s, subscription)
         return str(sample.key_expr), sample.payload.to_bytes()
+
+    def take(self, timeout_s: float, subscription: int) -> bytes:
+        """Like `receive`, but return the payload alone, for a subscription to one key."""
+        return self._next(timeout_s, subscription).payload.to_bytes()
 
     def poll(self, subscription: int = 0) -> tuple[str, bytes] | None:
         """Return the next message of a subscription if it is here already."""
@@ -308,6 +307,17 @@ class Client:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _next(self, timeout_s: float, subscription: int) -> zenoh.Sample:
+        self._deadline = time.monotonic() + timeout_s
+        try:
+            sample = self._channels[subscription].recv()
+        except zenoh.ZError:
+            if self._router_gone:
+                raise BusError(f"{self.user}: the router is gone, the run is over") from None
+            raise BusTimeout(f"{self.user} received nothing for {timeout_s:g} s") from None
+        self._deadline = math.inf
+        return sample
 
     def _note_transport(self, event: zenoh.TransportEvent) -> None:
         if event.kind == zenoh.SampleKind.DELETE:

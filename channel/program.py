@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from bus import keys
 from bus.messages import Transmission
 from bus.packets import Packet, inbox, packets_of_transmission
@@ -12,8 +14,37 @@ from channel.network import PhaseNetwork, build_networks
 STREAMS = (keys.MEASUREMENT, keys.EXCHANGE, keys.CONTROL)
 
 
+class _Pacemaker(NamedTuple):
+    """A sender that speaks to the end: what the channel says for a silent one goes at its pace."""
+
+    topic: str
+    rounds: int
+
+    def wait(self) -> Program:
+        """Wait until it has sent all slots of a step."""
+        for _ in range(self.rounds):
+            yield self.topic
+
+
+def _pacemaker(plan: Plan) -> _Pacemaker:
+    """Return a sender that is never silent; sensors are preferred, for the plant paces them."""
+    rounds = {estimator.name: estimator.rounds for estimator in plan.estimators}
+    for link in sorted(plan.links, key=lambda link: link.stream != keys.MEASUREMENT):
+        if plan.silent_from(link.source) == plan.steps:
+            return _Pacemaker(
+                keys.tx(link.source, link.stream), rounds[link.source] if link.stream == keys.EXCHANGE else 1
+            )
+    raise ValueError("every sender falls silent: keep one that speaks to the end")
+
+
 def _sender_program(
-    port: Port, plan: Plan, network: PhaseNetwork, source: str, stream: str, rounds: int
+    port: Port,
+    plan: Plan,
+    network: PhaseNetwork,
+    source: str,
+    stream: str,
+    rounds: int,
+    pacemaker: _Pacemaker | None,
 ) -> Program:
     topic = keys.tx(source, stream)
     phase = keys.phase_of(stream)
@@ -32,6 +63,8 @@ def _sender_program(
         t = step * plan.period_s
         if step and network.watched:
             yield from told(step)
+        if pacemaker is not None:
+            yield from pacemaker.wait()
         for round_ in range(rounds):
             packets: list[Packet] = []
             if step < silent_from:
@@ -58,6 +91,11 @@ def channel_programs(port: Port, plan: Plan) -> list[tuple[Program, tuple[str, .
         watches = tuple(keys.tx(node, keys.WATCH) for node in network.watched)
         for source in network.sources:
             slots = rounds[source] if stream == keys.EXCHANGE else 1
-            program = _sender_program(port, plan, network, source, stream, slots)
-            programs.append((program, (keys.tx(source, stream), *watches)))
+            topics = (keys.tx(source, stream), *watches)
+            pacemaker = None
+            if plan.silent_from(source) < plan.steps:
+                pacemaker = _pacemaker(plan)
+                topics = (*topics, pacemaker.topic)
+            program = _sender_program(port, plan, network, source, stream, slots, pacemaker)
+            programs.append((program, topics))
     return programs

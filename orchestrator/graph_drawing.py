@@ -22,6 +22,7 @@ _COLOURS = {
     "plant": "#f2c14e",
     "sensor": "#8ecae6",
     "estimator": "#d8e2dc",
+    "controller": "#cdb4db",
     "link": "#8d99ae",
     "attack": "#c1121f",
 }
@@ -66,7 +67,7 @@ def layout(plan: Plan) -> dict[str, Point]:
 
     Estimators stand on a ring, linked ones near one another where the graph allows; those that hear every
     sensor in its middle. Each sensor stands outside the first on the ring that listens to it, and the plant
-    in a corner.
+    in a corner, a controller beside it.
     """
     hears_all = {own.name: len(own.sensors) == len(plan.sensors) for own in plan.estimators}
     middle = [name for name in hears_all if hears_all[name]] if not all(hears_all.values()) else []
@@ -79,6 +80,9 @@ def layout(plan: Plan) -> dict[str, Point]:
             [sensor for sensor in estimator.sensors if sensor not in places] if estimator.name in turn else []
         )
         places.update({name: _at(1.32 + 0.16 * rank, turn[estimator.name]) for rank, name in enumerate(own)})
+    places.update(
+        {own.name: (-1.35 + 0.5 * number, 1.35) for number, own in enumerate(plan.controllers, start=1)}
+    )
     return {**_circle(1.62, [own.name for own in plan.sensors if own.name not in places], 0.5), **places}
 
 
@@ -164,8 +168,9 @@ def _draw_nodes(axes: Axes, plan: Plan, places: Mapping[str, Point]) -> None:
         plan.plant.name: "plant",
         **{sensor.name: "sensor" for sensor in plan.sensors},
         **{estimator.name: "estimator" for estimator in plan.estimators},
+        **{controller.name: "controller" for controller in plan.controllers},
     }
-    shapes = {"plant": "s", "sensor": "o", "estimator": "h"}
+    shapes = {"plant": "s", "sensor": "o", "estimator": "h", "controller": "D"}
     for role, shape in shapes.items():
         names = [name for name in places if kinds[name] == role]
         xs, ys = [places[name][0] for name in names], [places[name][1] for name in names]

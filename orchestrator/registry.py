@@ -12,7 +12,7 @@ import inspect
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from bus.kinds import KindError, content_hash, is_file_reference, load_class
 
@@ -101,6 +101,14 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
 )
 
 
+def own_modules() -> list[str]:
+    """Return the modules of all built-in kinds that a process of a run may be told to run."""
+    references = (
+        reference for role, kinds in BUILT_IN.items() if role != "graphs" for reference in kinds.values()
+    )
+    return sorted({reference.rpartition(":")[0] for reference in references})
+
+
 class UnknownKindError(KindError):
     """No role has a kind of this name; ``known`` lists what there is."""
 
@@ -126,12 +134,18 @@ class FoundKind:
 @functools.cache
 def registered(role: Role) -> MappingProxyType[str, str]:
     """Return the registered kinds of a role: built-in names first, then those of entry points."""
-    from importlib.metadata import entry_points
-
     kinds = dict(BUILT_IN[role])
-    for point in sorted(entry_points(group=f"gauntlet.{role}"), key=lambda point: point.name):
+    for point in sorted(_entry_points().select(group=f"gauntlet.{role}"), key=lambda point: point.name):
         kinds.setdefault(point.name, point.value)
     return MappingProxyType(kinds)
+
+
+@functools.cache
+def _entry_points() -> Any:
+    """Return the entry points of all roles at once: to find some, a file of every package is read."""
+    from importlib.metadata import entry_points
+
+    return entry_points()
 
 
 def find_kind(role: Role, name: str, directory: Path) -> FoundKind:
@@ -145,10 +159,10 @@ def find_kind(role: Role, name: str, directory: Path) -> FoundKind:
         When it is, but the class cannot be loaded.
     """
     if ":" not in name:
-        kinds = registered(role)
-        if name not in kinds:
-            raise UnknownKindError(f"there is no {role[:-1]} kind '{name}'", tuple(kinds))
-        return FoundKind(name, name, kinds[name], load_class(kinds[name]))
+        reference = BUILT_IN[role].get(name) or registered(role).get(name)
+        if reference is None:
+            raise UnknownKindError(f"there is no {role[:-1]} kind '{name}'", tuple(registered(role)))
+        return FoundKind(name, name, reference, load_class(reference))
     location, _, class_name = name.rpartition(":")
     if is_file_reference(name):
         name = f"{(directory / location).resolve()}:{class_name}"

@@ -22,7 +22,6 @@ from orchestrator.log.recorder import Recorder
 from orchestrator.log.writer import LogWriter
 from orchestrator.run_directory import LOG, NODE_LOGS, SCORE, TIMING, TOPOLOGY
 from orchestrator.score.results import Score
-from orchestrator.score_of_log import score_of_log
 from orchestrator.topology.resolved import Topology
 
 Backend = Literal["processes", "inprocess"]
@@ -146,6 +145,8 @@ def run_topology(topology: Topology, directory: Path, backend: Backend, progress
 
 def _conclude(recorder: Recorder, writer: LogWriter, log: Path) -> tuple[Score, str]:
     """Finish the log, with the score that it gives; return the score and what went wrong."""
+    from orchestrator.score_of_log import score_of_log  # late: no run needs it in order to start
+
     try:
         recorder.write_partial_steps()
         writer.flush()

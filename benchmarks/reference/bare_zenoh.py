@@ -126,7 +126,9 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--graph", choices=["geometric", "ring"], default="geometric")
     parser.add_argument("--seed", type=int, default=1, help="seed of the geometric graph")
     parser.add_argument(
-        "--shape", type=Path, help="JSON file of each node's 'neighbours' and the 'bytes' of messages"
+        "--shape",
+        type=Path,
+        help="JSON file of 'window', each node's 'neighbours', and the 'bytes' of messages",
     )
     parser.add_argument(
         "--since", type=float, help="monotonic time from which the start-up counts; default: now"
@@ -137,13 +139,13 @@ def parse() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def shape_of(asked: argparse.Namespace) -> tuple[list[list[int]], dict[str, int]]:
-    """Return each node's neighbours and the size of each kind of message."""
+def shape_of(asked: argparse.Namespace) -> tuple[int, list[list[int]], dict[str, int]]:
+    """Return the window, each node's neighbours and the size of each kind of message."""
     if asked.shape:
         stated = json.loads(asked.shape.read_text())
-        return stated["neighbours"], stated["bytes"]
+        return stated["window"], stated["neighbours"], stated["bytes"]
     near = ring(asked.nodes) if asked.graph == "ring" else random_geometric(asked.nodes, asked.seed)
-    return near, BYTES
+    return asked.window, near, BYTES
 
 
 def main() -> None:
@@ -152,13 +154,13 @@ def main() -> None:
     asked = parse()
     signal.signal(signal.SIGALRM, give_up)
     signal.alarm(asked.timeout)
-    near, sizes = shape_of(asked)
+    window, near, sizes = shape_of(asked)
     nodes = len(near)
     with tempfile.TemporaryDirectory() as folder:
         endpoint = f"unixsock-stream/{folder}/router" if asked.transport == "unixsock" else TCP
-        run = Run(nodes, asked.steps, asked.window, endpoint, asked.timeout, asked.lowlatency, near, sizes)
+        run = Run(nodes, asked.steps, window, endpoint, asked.timeout, asked.lowlatency, near, sizes)
         figures = simulate(run, entered_s if asked.since is None else asked.since)
-    shape = {"reference": "bare zenoh", "nodes": nodes, "steps": asked.steps, "window": asked.window}
+    shape = {"reference": "bare zenoh", "nodes": nodes, "steps": asked.steps, "window": window}
     sys.stdout.write(json.dumps(shape | figures) + "\n")
 
 

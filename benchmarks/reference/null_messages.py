@@ -194,7 +194,7 @@ class Recorder:
 
     def __init__(self, run: Run, session: zenoh.Session) -> None:
         self.run = run
-        self.batch = max(1, run.window // 4)
+        self.batch = max(1, run.window // 2)
         self.estimates = [0] * run.steps
         self.count = self.complete = 0
         self.first_s = self.last_s = 0.0

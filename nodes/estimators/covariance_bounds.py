@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dsyev
 
 from nodes.contract import Matrix
 from nodes.estimators.linear_gaussian import Correction, Dynamics, Measurement, cholesky
+from nodes.lapack import dpotrf, dsyev
 
 EPSILON = float(np.finfo(np.float64).eps)
 

@@ -11,10 +11,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from bus.packets import Packet, Vector
 from nodes.contract import LinearPlant, LinearSensor, Matrix, Setting
+from nodes.lapack import dpotrf, dtrtrs
 
 
 class Dynamics:

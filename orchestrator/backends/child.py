@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-import logging
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -24,7 +24,7 @@ _EXTERNAL = "nodes.estimators.external:External"
 _PR_SET_PDEATHSIG = 1
 
 
-def child_main(plan: Plan, own: Membership, log_file: Path) -> None:
+def child_main(pickled_plan: bytes, own: Membership, log_file: Path) -> None:
     """Run one process to its end and leave: with code 0, or 1 after writing a traceback to its log file."""
     _redirect_output(log_file)
     print(f"{own.name}: process {os.getpid()}", flush=True)
@@ -38,11 +38,12 @@ def child_main(plan: Plan, own: Membership, log_file: Path) -> None:
         return [(node_program(port, plan, own.name, own.window), inputs(plan, own.name))]
 
     try:
+        plan = pickle.loads(pickled_plan)
         command = external_command(plan, own.name)
         if command is not None:
             _become(command, plan, own)
         run_process(plan, own, build)
-        if plan.silent_from(own.name) < plan.steps:
+        if any(fault.node == own.name for fault in plan.faults):
             os.kill(os.getpid(), signal.SIGKILL)  # the crash that the plan schedules
         code = 0
     except BaseException:
@@ -79,12 +80,11 @@ def _become(command: list[str], plan: Plan, own: Membership) -> None:
 
 
 def _redirect_output(log_file: Path) -> None:
-    """Send standard output and error, and the warnings of our own code, to the process's log file."""
+    """Send standard output and error, where warnings go too, to the process's log file."""
     descriptor = os.open(log_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
     os.close(descriptor)
-    logging.basicConfig(stream=sys.stderr, format="%(message)s")
 
 
 def _leave_with_parent() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
+import pickle
 import sys
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -15,25 +15,24 @@ from typing import Self
 
 from bus.plan import Plan
 from bus.process import Membership
+from orchestrator.backends import fork_server
 from orchestrator.backends.child import child_main
 
-_PRELOAD = ["numpy", "scipy.linalg", "orchestrator.backends.child"]
 _GRACE_S = 1.5
-
-ONE_BLAS_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Sums are taken in one order only if one thread takes them; the libraries read this when they are loaded."""
 
 
 class Fleet:
     """All child processes of one run; leaving the context ends those that are left."""
 
     def __init__(self, plan: Plan, members: Iterable[Membership], log_dir: Path) -> None:
-        os.environ.update(ONE_BLAS_THREAD)
+        fork_server.make_ready(_kind_modules(plan))
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(_PRELOAD + _kind_modules(plan))
+        pickled_plan = pickle.dumps(plan)  # once for all
         self._processes: dict[str, ForkServerProcess] = {
             member.name: context.Process(
-                target=child_main, args=(plan, member, log_dir / f"{member.name}.log"), name=member.name
+                target=child_main,
+                args=(pickled_plan, member, log_dir / f"{member.name}.log"),
+                name=member.name,
             )
             for member in members
         }
@@ -103,7 +102,7 @@ def _without_main_module() -> Iterator[None]:
         sys.modules["__main__"] = main
 
 
-def _kind_modules(plan: Plan) -> list[str]:
+def _kind_modules(plan: Plan) -> set[str]:
     """Return the modules of all kinds of a plan, to be loaded once for all; a user's files load in theirs."""
     kinds = [
         plan.plant.kind,
@@ -112,7 +111,7 @@ def _kind_modules(plan: Plan) -> list[str]:
         *(stage.kind for stage in plan.stages),
     ]
     locations = {kind.reference.rpartition(":")[0] for kind in kinds}
-    return sorted(location for location in locations if not location.endswith(".py"))
+    return {location for location in locations if not location.endswith(".py")}
 
 
 def is_stopped(pid: int) -> bool:

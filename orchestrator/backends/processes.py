@@ -22,12 +22,12 @@ from bus.zenoh_bus import BusError, Router
 from orchestrator.backends.contract import Progress, RunFailedError, RunSettings, Timing
 from orchestrator.backends.fleet import Fleet, is_stopped
 from orchestrator.backends.proof import prove_the_rules
-from orchestrator.log.order import wait_chain
+from orchestrator.log.order import canonical_topics, wait_chain
 from orchestrator.log.recorder import Recorder
 
 _LOOK_EVERY_S = 0.2
 _CREDITS_A_WINDOW = (
-    4  # steps are granted in bunches: messages that travel together cost less, and wake fewer processes
+    2  # steps are granted in bunches: messages that travel together cost less, and wake fewer processes
 )
 _JOIN_S = 5.0
 _LOG_TAIL_LINES = 25
@@ -61,7 +61,12 @@ class ProcessRun:
         self._credits = [self._prefix + keys.credit(name) for name in paced(plan)]
         self._credit_batch = max(1, settings.window // _CREDITS_A_WINDOW)
         self._credited = 0
+        self._recorded = 0
         self._intake = Intake(rounds_of_topics(plan))
+        self._turnstiles = {
+            self._prefix + topic: (topic, self._intake.turnstile(topic).admit)
+            for topic in canonical_topics(plan)
+        }
         self._finished: set[str] = set()
         self._decode_finished = decoder(Finished).decode
         self._moved = time.monotonic()
@@ -111,29 +116,37 @@ class ProcessRun:
             raise self._fault
 
     def _record(self, router: Router, key: str, payload: bytes) -> None:
-        """Take one message, in the bus's thread; what goes wrong is raised in the other one."""
+        """Record one message, in the bus's thread; what goes wrong is raised in the other one.
+
+        Of a plan's topics everything is looked up beforehand: this stands in the way of every message.
+        """
         if self._over.is_set():
             return
         try:
-            self._take(router, key, payload)
+            known = self._turnstiles.get(key)
+            if known is None:
+                self._take_other(key, payload)
+                return
+            topic, admit = known
+            message = admit(payload)
+            if message is not None:
+                recorded = self._recorder.store(topic, getattr(message, "round", 0), message.step, payload)
+                if recorded > self._recorded:
+                    self._note_progress(router, recorded)
         except BaseException as error:
             self._fault = error
             self._over.set()
 
-    def _take(self, router: Router, key: str, payload: bytes) -> None:
-        """Record a message, or note a process's last words; anything else is refused and counted."""
+    def _take_other(self, key: str, payload: bytes) -> None:
+        """Note a process's last words; anything else is refused and counted."""
         topic = key.removeprefix(self._prefix)
         if topic.startswith("control/"):
             self._take_last_words(topic, payload)
         elif (message := self._intake.admit(topic, payload)) is not None:
-            before = self._recorder.steps_recorded
-            recorded = self._recorder.store(topic, getattr(message, "round", 0), message.step, payload)
-            if recorded > before:
-                self._note_progress(router, recorded)
-        if len(self._finished) + len(self._doomed) == len(self._names) and self._recorder.complete:
-            self._over.set()
+            self._recorder.store(topic, getattr(message, "round", 0), message.step, payload)
 
     def _note_progress(self, router: Router, recorded: int) -> None:
+        self._recorded = recorded
         self._moved = time.monotonic()
         self.timing.note_steps(recorded)
         self._progress(recorded)
@@ -141,6 +154,7 @@ class ProcessRun:
             self._credited = recorded
             for topic in self._credits:
                 router.put(topic, encode(Credit(steps_recorded=recorded)))
+        self._end_when_done()
 
     def _take_last_words(self, topic: str, payload: bytes) -> None:
         name = topic.rpartition("/")[2]
@@ -157,6 +171,11 @@ class ProcessRun:
         self.timing.peak_memory_bytes[name] = words.peak_memory_bytes
         if words.rejected:
             self.timing.rejected[name] = words.rejected
+        self._end_when_done()
+
+    def _end_when_done(self) -> None:
+        if len(self._finished) + len(self._doomed) == len(self._names) and self._recorder.complete:
+            self._over.set()
 
     def note_own_part(self) -> None:
         """Tell in the timing what this process used up, and refused as not the next slot of its topic."""

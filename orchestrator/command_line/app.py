@@ -93,16 +93,19 @@ def run(
     json: Json = False,
 ) -> None:
     """Launch a topology, log every message, score the estimators and print the verdict."""
+    from orchestrator.quick_start import load_to_run
+
+    topology, chosen = load_to_run(file, overrides or (), seed, backend)
+
     from orchestrator.run import NotBegunError, run_topology
     from orchestrator.run_directory import make_run_directory
 
-    topology = _load(file, overrides, seed)
     for warning in topology.warnings:
         typer.echo(f"warning: {warning}", err=True)
     directory = make_run_directory(out, topology.plan.name, topology.plan.seed)
     try:
         with run_progress(topology.plan.steps, quiet=json) as progress:
-            report = run_topology(topology, directory, backend or topology.backend, progress)
+            report = run_topology(topology, directory, chosen, progress)
     except NotBegunError as error:
         fail(error, exit_codes.RUN_FAILED)
     if json:

@@ -149,7 +149,7 @@ class LogWriter:
     def _explain(self, error: OSError) -> LogError:
         full = error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
         cure = "free some space or write to another disk" if full else "write to another disk"
-        held = f"the steps before {self._steps_flushed}" if self._steps_flushed else "no whole step"
+        held = f"at least the steps before {self._steps_flushed}" if self._steps_flushed else "no whole step"
         return LogError(
             f"{self.path} cannot be written: {error.strerror}; it holds {held}; {cure}, then run again"
         )

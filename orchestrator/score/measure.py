@@ -62,13 +62,18 @@ def _consistency(node: NodeScore, figures: Consistency, name: str) -> float:
     return figures.mean if name == "mean" else figures.mean / figures.dof
 
 
+def expected_estimates(score: Score, node: NodeScore) -> int:
+    """Return the number of estimates that a node owes: one a step, until it falls silent by plan."""
+    return score.steps if node.silent_from is None else node.silent_from
+
+
 def node_value(score: Score, node: NodeScore, metric: str) -> float:
     """Return a metric of one estimator."""
     family, _, name = metric.partition(".")
     if family == "divergences":
         return float(node.divergence_step is not None)
     if family == "missing_estimates":
-        return float(score.steps - node.steps_scored)
+        return float(expected_estimates(score, node) - node.steps_scored)
     if family in ("nees", "nis"):
         return _consistency(node, node.nees if family == "nees" else node.nis, name)
     return _group_error(node, family, name)

@@ -89,7 +89,8 @@ class Consistency(Result, frozen=True, kw_only=True):
 class NodeScore(Result, frozen=True, kw_only=True):
     """One estimator; ``method`` is the name of its class, ``divergence_step`` None when it never diverged.
 
-    ``steps_scored`` counts published estimates, and ``complete`` says that none is missing.
+    ``steps_scored`` counts published estimates, and ``complete`` says that none is missing. ``silent_from``
+    is the step from which on the topology lets the node be silent (a crash or a hang), None when it does not.
     ``attacked_steps`` counts steps in which an attacked packet reached it. ``nees_undefined`` counts
     estimates, from `from_step` on and before any divergence, whose covariance is absent or not positive
     definite. ``error`` holds the error norms by group and step (only with `ScoreOptions.node_series`).
@@ -98,6 +99,7 @@ class NodeScore(Result, frozen=True, kw_only=True):
     name: str
     method: str
     complete: bool
+    silent_from: int | None
     steps_scored: int
     divergence_step: int | None
     attacked_steps: int

@@ -54,7 +54,8 @@ def _node_scores(
         NodeScore(
             name=estimator.name,
             method=estimator.kind.reference.rpartition(":")[2],
-            complete=bool(estimates.present[i].all()),
+            complete=bool(estimates.present[i, : plan.silent_from(estimator.name)].all()),
+            silent_from=_silent_from(plan, estimator.name),
             steps_scored=int(estimates.present[i].sum()),
             divergence_step=int(errors.divergence_step[i]) if errors.divergence_step[i] >= 0 else None,
             attacked_steps=int(attacked[i].sum()),
@@ -68,6 +69,11 @@ def _node_scores(
         )
         for i, estimator in enumerate(plan.estimators)
     ]
+
+
+def _silent_from(plan: Plan, name: str) -> int | None:
+    step = plan.silent_from(name)
+    return step if step < plan.steps else None
 
 
 def _measured(

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.text import Text
 
 from orchestrator.score.judging import show
+from orchestrator.score.measure import expected_estimates
 from orchestrator.score.results import NodeScore, Outcome, Score
 from orchestrator.score.verdict_tables import attack_table, estimator_tables
 
@@ -99,6 +100,15 @@ def _divergences(nodes: Iterable[NodeScore]) -> list[str]:
 
 def _story(score: Score) -> str:
     """Return what became of the estimators, in half a sentence."""
+    silent = [
+        f"{node.name} from step {node.silent_from}" for node in score.nodes if node.silent_from is not None
+    ]
+    fallen = f", while {_listed(silent, '')} fell silent by plan" if silent else ""
+    return _fate(score) + fallen
+
+
+def _fate(score: Score) -> str:
+    """Return what became of the estimators that were there to the end, or as long as they were."""
     parts = []
     diverged = _divergences(score.nodes)
     if diverged:
@@ -126,7 +136,9 @@ def headline(score: Score) -> str:
     expected = len(score.expectations)
     failed = [outcome.metric for outcome in score.expectations if not outcome.passed]
     if not score.complete:
-        missing = _several(sum(score.steps - node.steps_scored for node in score.nodes), "estimate")
+        missing = _several(
+            int(sum(expected_estimates(score, node) - node.steps_scored for node in score.nodes)), "estimate"
+        )
         return f"INCOMPLETE: {missing} missing from the record; as far as it goes, {_story(score)}."
     if failed:
         named = _listed(list(dict.fromkeys(failed)), "metric")

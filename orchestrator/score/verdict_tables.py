@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from orchestrator.score.measure import expected_estimates
 from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Score
 
 ATTACKED_ROWS = 4
@@ -36,8 +37,10 @@ def _remark(rank: str, node: NodeScore, score: Score) -> str:
     parts = [rank] if rank else []
     if node.divergence_step is not None:
         parts.append(f"diverged at {node.divergence_step}")
+    if node.silent_from is not None:
+        parts.append(f"silent from {node.silent_from}")
     if not node.complete:
-        parts.append(f"only {node.steps_scored} of {score.steps} steps")
+        parts.append(f"only {node.steps_scored} of {expected_estimates(score, node)} steps")
     parts += [f"deaf from {lockout.first_step}" for lockout in score.lockouts if lockout.node == node.name]
     if node.attacked_steps:
         parts.append(f"attacked {node.attacked_steps} steps")

@@ -44,7 +44,11 @@ def topology_from_experiment(experiment: bytes) -> Topology:
     file = TopologyFile.model_validate_json(json.dumps(content["topology"]))
     origin = Origin(LOGGED.name, 0, LOGGED.parent)
     sections = {key: getattr(file, key) for key in TopologyFile.model_fields}
-    nodes: dict[str, Iterable[str]] = {"sensors": file.sensors, "estimators": file.estimators, "controllers": file.controllers}
+    nodes: dict[str, Iterable[str]] = {
+        "sensors": file.sensors,
+        "estimators": file.estimators,
+        "controllers": file.controllers,
+    }
     root = Entry(
         {
             section: Entry(dict.fromkeys(names, Entry(None, origin)), origin)

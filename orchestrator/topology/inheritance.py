@@ -36,7 +36,7 @@ def _read(path: Path, below: tuple[Path, ...], problems: Problems) -> Entry | No
     entry = read_document(path, problems)
     if entry is None:
         return None
-    own = _expanded(entry, problems)
+    own = expanded(entry, problems)
     named = own.mapping.get("extends")
     if named is None or named.value is None:
         return own
@@ -66,7 +66,7 @@ def _without(entry: Entry, keys: tuple[str, ...]) -> Entry:
     return Entry({key: member for key, member in entry.mapping.items() if key not in keys}, entry.origin)
 
 
-def _expanded(root: Entry, problems: Problems) -> Entry:
+def expanded(root: Entry, problems: Problems) -> Entry:
     """Return the file with every group of nodes written out, node by node."""
     members = dict(root.mapping)
     for section in NODE_SECTIONS:

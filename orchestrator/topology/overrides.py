@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from orchestrator.topology.document import Entry, parse
-from orchestrator.topology.inheritance import NODE_SECTIONS, keep_with_new_kind, kind_key_at
+from orchestrator.topology.inheritance import NODE_SECTIONS, expanded, keep_with_new_kind, kind_key_at
 from orchestrator.topology.names import NodeNameError, expand, select
 from orchestrator.topology.problems import Origin, PathKeys, Problems, did_you_mean
 
@@ -35,7 +35,8 @@ def apply_overrides(root: Entry, overrides: Iterable[str], problems: Problems) -
         if len(problems) > before:
             continue
         try:
-            root = _assigned(root, (), _tokens(path.strip()), value or Entry(None, origin))
+            changed = _assigned(root, (), _tokens(path.strip()), value or Entry(None, origin))
+            root = expanded(changed, problems)
         except _OverrideError as refusal:
             problems.add(origin, path.strip(), *refusal.args)
     return root

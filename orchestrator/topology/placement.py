@@ -65,6 +65,7 @@ def place(
     addresses = _Addresses()
     placed: list[PlacedStage] = []
     on_link: dict[str, list[str]] = {link: [] for link in links}
+    _refuse_unlike_sharers(draft, [*attacks, *channels], links)
     for stage in (*(stage for stage in attacks if stage.role == "attack"), *channels):
         if stage.role == "attack":
             mine = _attacked_links(draft, stage, links)
@@ -75,6 +76,24 @@ def place(
             for link in mine:
                 on_link[link].append(plan.label)
     return placed, {link: tuple(labels) for link, labels in on_link.items()}
+
+
+def _refuse_unlike_sharers(draft: Draft, stages: Sequence[DeclaredStage], links: Sequence[str]) -> None:
+    """Note stages that state the stream of another one of their kind, and other parameters."""
+    owners: dict[tuple[str, str], DeclaredStage] = {}
+    for stage in stages:
+        if stage.stream is None:
+            continue
+        mine = {link for pattern in stage.on for link in links_of_pattern(pattern, links)}
+        for stream in sorted({stage.stream_of(link) for link in mine}):
+            owner = owners.setdefault((stream, stage.purpose), stage)
+            if owner.checked.plain != stage.checked.plain:
+                draft.complain(
+                    (*stage.path, "stream"),
+                    f"two unlike chains of {stage.checked.found.short_name} share the stream '{stream}'",
+                    "give both the same parameters, or one of them another stream or a 'name' of its own",
+                )
+                break
 
 
 def _plans(stage: DeclaredStage, links: Sequence[str], addresses: _Addresses) -> Iterator[StagePlan]:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
-
-from ruamel.yaml import YAML
 
 from bus.keys import CONTROL, EXCHANGE, MEASUREMENT
 from bus.plan import (
@@ -225,15 +222,3 @@ def _portable_keys(stage: Mapping[str, Any]) -> dict[str, Any]:
     if "when" in portable:
         portable["when"] = {portable_name(key): value for key, value in portable["when"].items()}
     return portable
-
-
-def to_yaml(document: Mapping[str, Any], comment: str) -> str:
-    """Return a document as YAML: mappings of scalars and lists of numbers on one line."""
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = None
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.width = 110
-    yaml.representer.ignore_aliases = lambda *_: True
-    out = io.StringIO()
-    yaml.dump(dict(document), out)
-    return f"# {comment}\n{out.getvalue()}"

@@ -15,7 +15,8 @@ from orchestrator.backends.contract import RunSettings
 from orchestrator.score.expectation import Expectation
 from orchestrator.score.results import ScoreOptions
 from orchestrator.topology.problems import Problem
-from orchestrator.topology.resolve import experiment_document, to_yaml
+from orchestrator.topology.resolve import experiment_document
+from orchestrator.topology.yaml_text import yaml_text
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,9 +69,8 @@ class Topology:
         Running it gives the same plan and the same log. A user's own classes stand in it by the absolute
         paths of their files.
         """
-        return to_yaml(
-            self.document, f"Resolved from {self.path.name}: running this file gives the same log."
-        )
+        comment = f"# Resolved from {self.path.name}: running this file gives the same log.\n"
+        return comment + yaml_text(self.document)
 
     def experiment_json(self) -> bytes:
         """Return the experiment as canonical JSON: what the log holds, and what `hash` is the hash of.

@@ -34,13 +34,17 @@ def check_sides(draft: Draft, pattern: str, path: PathKeys) -> None:
     """Note sides of a link pattern that name no node: this needs no graph, so it can be told early."""
     left, arrow, right = pattern.partition(ARROW)
     if not left or (arrow and not right) or ARROW in right:
-        draft.complain(path, f"'{pattern}' is not a link", "write s4->e4, or e*->e*")
+        _complain_of_form(draft, pattern, path)
         return
     receivers = [*draft.names("estimators"), *([PLANT_NAME] if draft.names("controllers") else ())]
     sides = [(left, senders(draft), "sender")] + ([(right, receivers, "receiver")] if arrow else [])
     for side, names, what in sides:
         if not any(matches(side, name) for name in names):
             draft.complain(path, f"'{pattern}': there is no {what} '{side}'", did_you_mean(side, names))
+
+
+def _complain_of_form(draft: Draft, pattern: str, path: PathKeys) -> None:
+    draft.complain(path, f"'{pattern}' is not a link", "write s4->e4, or e*->e*")
 
 
 def check_nodes(draft: Draft, pattern: str, path: PathKeys) -> None:
@@ -58,11 +62,17 @@ def check_targets(draft: Draft, attacks: Sequence[DeclaredStage]) -> None:
         if stage.when is not None and stage.when.found.short_name == "alarm":
             _check_estimator(draft, str(stage.when.parameters["of"]), (*stage.path, "when", "alarm", "of"))
     for pattern in draft.sections.get("channel") or {}:
-        check_sides(draft, pattern, ("channel", pattern))
+        if ARROW in pattern:
+            check_sides(draft, pattern, ("channel", pattern))
+        else:
+            _complain_of_form(draft, pattern, ("channel", pattern))
     for pattern in draft.sections.get("integrity") or {}:
         check_nodes(draft, pattern, ("integrity", pattern))
     for name, own in (draft.sections.get("controllers") or {}).items():
         _check_estimator(draft, own.estimator, ("controllers", name, "estimator"))
+    doomed = [pattern for stage in attacks if stage.role == "fault" for pattern in stage.on]
+    if doomed and all(any(matches(pattern, name) for pattern in doomed) for name in senders(draft)):
+        draft.complain(("attacks",), "every sender falls silent", "keep one that speaks to the end")
     names = draft.names("controllers")
     if len(names) > 1:
         draft.complain(("controllers", names[1]), "the plant has two controllers", "keep one")

@@ -57,6 +57,13 @@ def test_exchange_rounds_are_counted_inside_a_step() -> None:
     assert intake.admit(EXCHANGE, encode(transmission(2, 0.0, 1, 0, None))) is None
 
 
+def test_a_round_that_a_topic_does_not_have_is_refused() -> None:
+    intake = Intake({})
+    assert intake.admit(EXCHANGE, encode(transmission(0, 0.0, 0, 0, None))) is not None
+    assert intake.admit(EXCHANGE, encode(transmission(0, 0.0, 1, 0, None))) is None
+    assert intake.admit(EXCHANGE, encode(transmission(1, 0.0, 0, 0, None))) is not None
+
+
 def test_credits_may_skip_steps() -> None:
     intake = Intake({})
     assert intake.admit(keys.credit("plant"), encode(Credit(steps_recorded=4))) == Credit(steps_recorded=4)

@@ -106,7 +106,7 @@ class Gauntlet:
 
     def call(self, *arguments: str | Path, timeout_s: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            self._command(*arguments),
+            self.command(*arguments),
             cwd=self.home,
             capture_output=True,
             text=True,
@@ -116,7 +116,7 @@ class Gauntlet:
 
     def launch(self, topology: Path, *arguments: str | Path, out: str = "out") -> Launched:
         directory = self.home / out
-        command = self._command("run", topology, "--out", directory, *arguments)
+        command = self.command("run", topology, "--out", directory, *arguments)
         process = subprocess.Popen(
             command,
             cwd=self.home,
@@ -158,7 +158,7 @@ class Gauntlet:
         assert not left, f"processes left behind: {left}"
 
     @staticmethod
-    def _command(*arguments: str | Path) -> list[str]:
+    def command(*arguments: str | Path) -> list[str]:
         return [sys.executable, "-m", "orchestrator.command_line.app", *map(str, arguments)]
 
 

@@ -33,6 +33,18 @@ channel:
 SENSORS = "  s1..s4: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}"
 ESTIMATORS = "  e1..e4: {method: secure_distributed, coupling: 0.01}"
 
+LAW = """\
+import numpy as np
+
+
+class Law:
+    def __init__(self, setting):
+        pass
+
+    def control(self, step, state):
+        return np.zeros(1)
+"""
+
 
 @dataclass(frozen=True)
 class Bad:
@@ -49,8 +61,8 @@ class Bad:
     files: dict[str, str] = field(default_factory=dict)
 
 
-def appended(text: str, *words: str, line: int = 14) -> Bad:
-    return Bad("", text, words, line)
+def appended(text: str, *words: str, line: int = 14, files: dict[str, str] | None = None) -> Bad:
+    return Bad("", text, words, line, files=files or {})
 
 
 def whole(text: str, *words: str, line: int) -> Bad:
@@ -181,7 +193,7 @@ BAD: dict[str, Bad] = {
     ),
     # Channel and attacks
     "pattern without arrow": Bad("e*->e*:", "e*:", ("'e*' is not a link",), 13),
-    "pattern of nobody": Bad("e*->e*:", "f*->e*:", ("there is no sensor or estimator 'f*'",), 13),
+    "pattern of nobody": Bad("e*->e*:", "f*->e*:", ("there is no sender 'f*'",), 13),
     "pattern without link": Bad("e*->e*:", "e1->e3:", ("there is no link e1->e3", "e2->e3"), 13),
     "two kinds in a stage": Bad("{loss: 0.1}", "{loss: 0.1}, perfect: {}", ("exactly one kind",), 13),
     "option beside the kind": Bad("{loss: 0.1}", "{loss: 0.1}, scope: shared", ("all else inside it",), 13),
@@ -190,7 +202,7 @@ BAD: dict[str, Bad] = {
     "attack in the channel": Bad(
         "{bernoulli: {loss: 0.1}}", "{bias: {value: 1}}", ("bias is an attack",), 13
     ),
-    "attack on nobody": appended("attacks: [{bias: {value: 1}, on: s9->e1}]\n", "sensor or estimator 's9'"),
+    "attack on nobody": appended("attacks: [{bias: {value: 1}, on: s9->e1}]\n", "there is no sender 's9'"),
     "attack on no link": appended("attacks: [{bias: {value: 1}, on: s1->e2}]\n", "no link s1->e2", "s2->e2"),
     "attack without kind": appended("attacks: [{on: s1->e1}]\n", "exactly one kind, here: none"),
     "attack nowhere": appended("attacks: [{bias: {value: 1}}]\n", "needs the key 'on'"),
@@ -212,6 +224,67 @@ BAD: dict[str, Bad] = {
         "  - {bias: {value: 1}, on: s2->e2, name: a}\n",
         "the name 'a' is taken",
         line=16,
+    ),
+    "two unlike chains of one name": Bad(
+        "  e*->e*: {bernoulli: {loss: 0.1}}",
+        "  s*->e*: {bernoulli: {loss: 0.2, stream: air}}\n  e*->e*: {bernoulli: {loss: 0.1, stream: air}}",
+        ("two unlike chains of bernoulli share the stream 'air'",),
+        14,
+    ),
+    # When, what it knows, and how packets are sealed
+    "unknown schedule": appended(
+        "attacks: [{bias: {value: 1}, on: s1->e1, when: {sometimes: {}}}]\n", "no schedule kind 'sometimes'"
+    ),
+    "two schedules": appended(
+        "attacks: [{bias: {value: 1}, on: s1->e1, when: {periodic: {every: 2}, bernoulli: {}}}]\n",
+        "exactly one schedule",
+    ),
+    "probability over 1": appended(
+        "attacks: [{bias: {value: 1}, on: s1->e1, when: {bernoulli: {probability: 1.5}}}]\n", "at most 1"
+    ),
+    "alarm of nobody": appended(
+        "attacks: [{bias: {value: 1}, on: s1->e1, when: {alarm: {of: e9}}}]\n", "no estimator 'e9'"
+    ),
+    "trigger without delay": appended(
+        "attacks: [{bias: {value: 1}, on: s1->e1, when: {alarm: {of: e1, delay: 0}}}]\n", "at least 1"
+    ),
+    "unknown grant": appended("adversary: {knows: [everything]}\n", "'topology', 'model'"),
+    "unknown seal": appended("integrity: {s1: rot13}\n", "'none', 'crc' or 'mac'"),
+    "seal of nobody": appended("integrity: {s9: mac}\n", "there is no node 's9'"),
+    "signal on a link": appended(
+        "attacks: [{signal: {value: [1]}, on: s1->e1}]\n", "enters the plant and its sensors"
+    ),
+    "signal into a plant without G": appended(
+        "attacks: [{signal: {value: [1]}, on: plant}]\n", "a signal of 1 components for a plant that takes 0"
+    ),
+    "signal by trigger": appended(
+        "attacks: [{signal: {value: [1]}, on: plant, when: {alarm: {of: e1}}}]\n", "cannot wait for a trigger"
+    ),
+    "crash of a link": appended("attacks: [{crash: {}, on: s1->e1}]\n", "there is no node 's1->e1'"),
+    "crash of nobody": appended("attacks: [{crash: {}, on: s9}]\n", "there is no node 's9'"),
+    "crash that ends": appended(
+        "attacks: [{crash: {}, on: s1, steps: [[2, 3], [5, 6]]}]\n", "lasts to the end of the run"
+    ),
+    "crash of everybody": appended("attacks: [{crash: {}, on: '*'}]\n", "every sender falls silent"),
+    "controller of nobody": appended(
+        "controllers: {c1: {law: './law.py:Law', estimator: e9}}\n",
+        "there is no estimator 'e9'",
+        files={"law.py": LAW},
+    ),
+    "controller without input": Bad(
+        "",
+        "controllers: {c1: {law: './law.py:Law', estimator: e1}}\n",
+        ("the plant has no input for the controllers",),
+        3,
+        files={"law.py": LAW},
+    ),
+    "two controllers": appended(
+        "controllers:\n"
+        "  c1: {law: './law.py:Law', estimator: e1}\n"
+        "  c2: {law: './law.py:Law', estimator: e2}\n",
+        "the plant has two controllers",
+        line=16,
+        files={"law.py": LAW},
     ),
     # Expectations
     "unknown metric": appended("expect: {rmse.positon: 1}\n", "no metric 'rmse.positon'", "'rmse.position'"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import pytest
@@ -167,11 +167,9 @@ def test_an_unknown_kind_names_those_that_are_known() -> None:
 
 
 def test_an_entry_point_registers_a_kind_and_hides_no_built_in_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    def points(group: str) -> list[EntryPoint]:
-        own = {"mine": "nodes.estimators.kalman:Kalman", "kalman": "nowhere:Nothing"}
-        return [EntryPoint(name, value, group) for name, value in own.items()]
-
-    monkeypatch.setattr("importlib.metadata.entry_points", points)
+    own = {"mine": "nodes.estimators.kalman:Kalman", "kalman": "nowhere:Nothing"}
+    points = EntryPoints(EntryPoint(name, value, "gauntlet.estimators") for name, value in own.items())
+    monkeypatch.setattr(registry, "_entry_points", lambda: points)
     registry.registered.cache_clear()
     try:
         assert find_kind("estimators", "mine", Path.cwd()).reference == "nodes.estimators.kalman:Kalman"

@@ -48,6 +48,12 @@ def test_one_node_out_of_a_range(tmp_path: Path) -> None:
     assert [sensor.kind.parameters["noise"].std for sensor in plan.sensors] == [0.1, 0.1, 0.7, 0.1]
 
 
+def test_a_section_may_be_stated_with_groups(tmp_path: Path) -> None:
+    stated = "estimators={e1..e4: {method: secure_distributed, coupling: 0.02}}"
+    plan = load(tmp_path, stated, "estimators.e2.coupling=0.03").plan
+    assert [own.kind.parameters["coupling"] for own in plan.estimators] == [0.02, 0.03, 0.02, 0.02]
+
+
 @pytest.mark.parametrize("nodes", ["e2..e3", "e[2]"])
 def test_a_range_of_nodes(nodes: str, tmp_path: Path) -> None:
     if nodes == "e[2]":
@@ -79,7 +85,7 @@ def test_the_same_method_again_keeps_the_parameters(tmp_path: Path) -> None:
 @pytest.mark.parametrize("path", ["attacks[0].steps", "attacks.0.steps"])
 def test_an_item_of_a_list(path: str, tmp_path: Path) -> None:
     stage = load(tmp_path, f"{path}=[7, 9]").plan.stages[0]
-    assert (stage.first, stage.last) == (7, 9)
+    assert (stage.timing.first, stage.timing.last) == (7, 9)
 
 
 def test_a_metric_whose_name_holds_a_dot(tmp_path: Path) -> None:

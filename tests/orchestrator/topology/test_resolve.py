@@ -144,8 +144,8 @@ def test_the_log_tells_the_score_everything(topology: Topology) -> None:
     assert [(own.sensors, own.neighbours, own.rounds) for own in told.estimators] == [
         (own.sensors, own.neighbours, own.rounds) for own in plan.estimators
     ]
-    assert [(s.label, s.streams, s.purpose, s.first, s.last) for s in told.stages] == [
-        (s.label, s.streams, s.purpose, s.first, s.last) for s in plan.stages
+    assert [(s.label, s.streams, s.purpose, s.timing) for s in told.stages] == [
+        (s.label, s.streams, s.purpose, s.timing) for s in plan.stages
     ]
     assert logged.state_groups == topology.state_groups
     assert logged.score_options == topology.score_options

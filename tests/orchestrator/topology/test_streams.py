@@ -87,7 +87,7 @@ def test_the_same_kind_twice_on_a_link_draws_twice(tmp_path: Path) -> None:
 def test_each_window_of_an_attack_is_a_stage_with_its_own_draws(tmp_path: Path) -> None:
     text = "attacks: [{bias: {value: 1}, on: s1->e1, steps: [[3, 5], [7, 9]]}]\n"
     stages = stages_on(plan_of(tmp_path, text), "s1->e1")
-    assert [(stage.label, stage.first, stage.last) for stage in stages] == [
+    assert [(stage.label, stage.timing.first, stage.timing.last) for stage in stages] == [
         ("bias@s1->e1", 3, 5),
         ("bias@s1->e1/2", 7, 9),
     ]
