@@ -74,7 +74,26 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "saturate": "channel.impairments.saturate:Saturate",
             }
         ),
-        "attacks": MappingProxyType({"bias": "channel.attacks.bias:Bias"}),
+        "attacks": MappingProxyType(
+            {
+                "bias": "channel.attacks.bias:Bias",
+                "drift": "channel.attacks.drift:Drift",
+                "converging_bias": "channel.attacks.converging_bias:ConvergingBias",
+                "scaling": "channel.attacks.scaling:Scaling",
+                "noise": "channel.attacks.noise:Noise",
+                "constant": "channel.attacks.constant:Constant",
+                "hold": "channel.attacks.hold:Hold",
+                "stale": "channel.attacks.stale:Stale",
+                "series": "channel.attacks.series:Series",
+                "flip": "channel.attacks.flip:Flip",
+                "substitution": "channel.attacks.substitution:Substitution",
+                "injection": "channel.attacks.injection:Injection",
+                "replay": "channel.attacks.replay:Replay",
+                "sybil": "channel.attacks.sybil:Sybil",
+                "babbling": "channel.attacks.babbling:Babbling",
+                "byzantine": "channel.attacks.byzantine:Byzantine",
+            }
+        ),
         "controllers": MappingProxyType({}),
         "signals": MappingProxyType({"signal": "nodes.signal_attack:Signal"}),
         "faults": MappingProxyType({"crash": "nodes.faults:Crash", "hang": "nodes.faults:Hang"}),

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from bus.packets import Packet, Vector
 from nodes.contract import Belief, Setting
-from nodes.estimators.linear_gaussian import Dynamics, SensorBank, correct, measurements
+from nodes.estimators.linear_gaussian import Dynamics, SensorBank, correct
 
 
 class Kalman:
@@ -45,7 +45,7 @@ class Kalman:
             self._state = self._dynamics.A.dot(self._state)
             self._covariance = self._dynamics.propagate(self._covariance)
         self._nis, self._nis_dof = 0.0, 0
-        current = measurements(step, packets)
+        current = self._sensors.measurements(step, packets)
         if current:
             model, values = self._sensors.stack(current)
             correction = correct(self._state, self._covariance, model, values)
