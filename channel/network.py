@@ -52,9 +52,23 @@ def build_stage(plan: Plan, stage: StagePlan) -> Stage:
 
 
 class _Placed:
-    """A lane with its timing; ``quiet`` is the first step in which it must be called again."""
+    """A lane with its timing; ``quiet`` is the first step in which it must be called again.
 
-    __slots__ = ("act", "first", "is_active", "keeps", "lane", "last", "looks_ahead", "quiet", "rest")
+    A ``plain`` one has no timing and keeps nothing: all there is to do is to let it act in every slot.
+    """
+
+    __slots__ = (
+        "act",
+        "first",
+        "is_active",
+        "keeps",
+        "lane",
+        "last",
+        "looks_ahead",
+        "plain",
+        "quiet",
+        "rest",
+    )
 
     def __init__(self, timing: Timing, lane: Lane, last_step: int) -> None:
         self.first, self.last = timing.first, timing.last
@@ -66,6 +80,7 @@ class _Placed:
         knows = type(lane).quiet_until is not Lane.quiet_until
         has_window = timing.first > 0 or timing.last < last_step
         self.looks_ahead = knows or (has_window and not self.keeps)
+        self.plain = not (self.looks_ahead or self.keeps or has_window or timing.schedule)
         self.quiet = 0
 
     def ahead(self, step: int) -> int:
@@ -78,9 +93,12 @@ class _Placed:
 
 
 class _Link:
-    """One link's stages, each with its timing, and who receives what is left."""
+    """One link's stages, each with its timing, and who receives what is left.
 
-    __slots__ = ("destination", "keepers", "name", "number", "place", "placed", "quiet", "source")
+    Before the step ``quiet`` only the ``plain`` ones among the stages need be called.
+    """
+
+    __slots__ = ("destination", "keepers", "name", "number", "place", "placed", "plain", "quiet", "source")
 
     def __init__(
         self,
@@ -98,7 +116,8 @@ class _Link:
         lanes = [(timing, stage.lane(plan.name)) for timing, stage in map(stages.__getitem__, plan.stages)]
         self.placed = [_Placed(timing, lane, last_step) for timing, lane in lanes if not _is_idle(lane)]
         self.keepers = [placed.lane for placed in self.placed if placed.keeps]
-        self.quiet = 0 if self.placed else NEVER
+        self.plain = [placed.act for placed in self.placed if placed.plain]
+        self.quiet = 0 if len(self.plain) < len(self.placed) else NEVER
 
     def carry(
         self, slot: Slot, packets: Sequence[Packet], ledger: Ledger, next_step: int
@@ -115,7 +134,7 @@ class _Link:
                     packets = placed.rest(slot, packets, ledger)
                 if placed.looks_ahead:
                     placed.quiet = placed.ahead(next_step)
-            if placed.quiet < quiet:
+            if placed.quiet < quiet and not placed.plain:
                 quiet = placed.quiet
         self.quiet = quiet
         return packets
@@ -236,6 +255,9 @@ class PhaseNetwork:
                 held = sum([keeper.held for keeper in link.keepers])
                 if held:
                     account.in_flight[link.number] = held
+            else:
+                for act in link.plain:
+                    arrived = act(slot, arrived, ledger)
             destination = link.destination
             key = (destination, step, round_)
             inbox = inboxes.get(key)
