@@ -72,7 +72,7 @@ def _field(path: Path, topic: str, message: Message, field: str) -> list[str]:
     if field not in names:
         raise SeriesError(f"{path}#{topic} has no field '{field}'; it has {', '.join(names)}")
     value = getattr(message, field)
-    return [repr(one) for one in (value if isinstance(value, list) else [value])]
+    return [str(one) for one in (value if isinstance(value, list) else [value])]
 
 
 def _checked(place: str, rows: list[tuple[str, list[str]]]) -> Rows:
