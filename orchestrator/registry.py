@@ -40,11 +40,17 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "constant_acceleration": "nodes.plants.constant_acceleration:ConstantAcceleration",
             }
         ),
-        "sensors": MappingProxyType({"linear": "nodes.sensors.linear:Linear"}),
+        "sensors": MappingProxyType(
+            {
+                "linear": "nodes.sensors.linear:Linear",
+                "innovation": "nodes.sensors.innovation:Innovation",
+            }
+        ),
         "estimators": MappingProxyType(
             {
                 "kalman": "nodes.estimators.kalman:Kalman",
                 "kalman_centralized": "nodes.estimators.kalman_centralized:KalmanCentralized",
+                "innovation_kalman": "nodes.estimators.innovation_kalman:InnovationKalman",
                 "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
                 "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",
                 "external": "nodes.estimators.external:External",
@@ -65,8 +71,17 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "gilbert_elliott": "channel.impairments.gilbert_elliott:GilbertElliott",
             }
         ),
-        "attacks": MappingProxyType({"bias": "channel.attacks.bias:Bias"}),
-        "controllers": MappingProxyType({}),
+        "attacks": MappingProxyType(
+            {
+                "bias": "channel.attacks.bias:Bias",
+            }
+        ),
+        "controllers": MappingProxyType(
+            {
+                "state_feedback": "nodes.controllers.state_feedback:StateFeedback",
+                "lqr": "nodes.controllers.lqr:Lqr",
+            }
+        ),
         "signals": MappingProxyType({"signal": "nodes.signal_attack:Signal"}),
         "faults": MappingProxyType({"crash": "nodes.faults:Crash", "hang": "nodes.faults:Hang"}),
         "schedules": MappingProxyType(
