@@ -74,6 +74,10 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
         "attacks": MappingProxyType(
             {
                 "bias": "channel.attacks.bias:Bias",
+                "zero_dynamics": "channel.attacks.zero_dynamics:ZeroDynamics",
+                "covert": "channel.attacks.covert:Covert",
+                "optimal_linear": "channel.attacks.optimal_linear:OptimalLinear",
+                "worst_case_bias": "channel.attacks.worst_case_bias:WorstCaseBias",
             }
         ),
         "controllers": MappingProxyType(
