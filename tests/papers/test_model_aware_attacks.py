@@ -19,8 +19,9 @@ from scipy.stats import binom, chi2, ncx2
 from bus.messages import Estimate, Message, Truth
 from bus.plan import Plan
 from channel.invariant_zeros import invariant_zeros
-from nodes.build import build_plant, build_sensor
+from nodes.build import build_controller, build_plant, build_sensor
 from nodes.contract import LinearSensor
+from nodes.controllers.state_feedback import StateFeedback
 from nodes.plants.linear import Linear
 from orchestrator.backends.inprocess import run_messages
 from orchestrator.score.scoring import score
@@ -277,3 +278,51 @@ def test_worst_case_bias_the_alarm_rate_is_that_of_the_noncentral_law(budget: fl
     )
     assert_rate(alarms, 300 * trials, rate)
     assert_rate(sum(run.alarms(30, 99) for run in runs), 70 * trials, QUIET)
+
+
+# Replay, with and without a watermark ---------------------------------------------------------------------
+
+REPLAYED = slice(240, 400)
+NO_WATERMARK = ("controllers.c1.watermark=null",)
+
+
+def replay_rate(std: float) -> float:
+    """Return the alarm rate under replay, once the loop has forgotten where it was when it began.
+
+    The prediction differs from the recording's by q+ = F q + B (w - w'), with F = (A - B L) (I - K C) and
+    two independent marks, so that an innovation has the covariance S + C U C' with U = F U F' + 2 B W B' (Mo,
+    Weerakkody, Sinopoli 2015).
+    """
+    plan = loaded("closed_loop").plan
+    model = model_of(plan, "s1")
+    controller = build_controller(plan, plan.controllers[0], build_plant(plan))
+    assert isinstance(controller, StateFeedback)
+    F = (model.A - model.B @ controller.gain) @ (np.eye(2) - model.K @ model.C)
+    U = solve_discrete_lyapunov(F, 2.0 * std**2 * model.B @ model.B.T)
+    return float(chi2.sf(THRESHOLD / (1.0 + (model.C @ U @ model.C.T / model.S).item()), 1))
+
+
+@trials
+@pytest.mark.parametrize("std", [0.0, 0.5, 1.0])
+def test_replay_is_found_by_a_watermark_and_by_nothing_else_at_the_rate_of_the_theory(
+    std: float, trials: int
+) -> None:
+    """With a mark, alarms of a run are not independent: the runs' rates are, and are held within 6 sigma."""
+    overrides = (f"controllers.c1.watermark.std={std}",) if std else NO_WATERMARK
+    rates = np.array(
+        [
+            np.mean(play("watermark", k, *overrides).statistics["e1"][REPLAYED] >= THRESHOLD)
+            for k in range(trials)
+        ]
+    )
+    theory, spread = replay_rate(std), float(rates.std(ddof=1) / np.sqrt(trials))
+    print(
+        f"\nreplay, watermark {std}: alarm rate {rates.mean():.4f} +- {2 * spread:.4f}, theory {theory:.4f}"
+    )
+    if std:
+        # few runs tell little of their own spread
+        assert abs(rates.mean() - theory) < 6.0 * max(spread, 0.1 * theory if trials == QUICK else 0.0)
+    else:
+        assert theory == pytest.approx(QUIET)
+        packets = trials * (REPLAYED.stop - REPLAYED.start)
+        assert_rate(round(rates.sum() * packets / trials), packets, QUIET)
