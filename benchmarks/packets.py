@@ -1,29 +1,46 @@
-"""Row h: how many packets the channel passes in a second, with five stages on every link and with none."""
+"""Row h: how many packets a channel process passes in a second, with five stages on every link and none."""
 
 from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.comparison import Comparison
+from benchmarks.comparison import Comparison, at_least
 from benchmarks.effort import Effort
 from benchmarks.networks import load_text, network, ring
 from bus import keys
-from bus.packets import Packet
+from bus.intake import Intake
+from bus.integrity import seal_of
+from bus.messages import Message, encode
+from bus.packets import Packet, transmission
 from bus.plan import Plan
-from channel.network import build_network
+from bus.program import Scheduler
+from channel.program import channel_programs
 
 NODES = 20
-_STEPS = 400
-_STAGES = """{e*->e*: [
-  {gilbert_elliott: {failure: 0.01, recovery: 0.9}},
-  {bernoulli: {loss: 0.01}},
-  {gilbert_elliott: {failure: 0.01, recovery: 0.9, scope: shared}},
-  {bernoulli: {loss: 0.01, scope: shared}}]}"""
-_ATTACKS = "[{bias: {value: 0.1}, on: e*->e*}]"
+_STEPS = 1000
+_PAYLOADS = {keys.MEASUREMENT: 1, keys.EXCHANGE: 12}
+_STAGES = """{"*->*": [
+  {saturate: {low: -8, high: 8}},
+  {gilbert_elliott: {failure: 0.01, recovery: 0.5}},
+  {delay: {delay: 0.4, jitter: 0.3, distribution: normal, correlation: 0.5}},
+  {duplicate: {probability: 0.005}},
+  {corrupt: {probability: 0.005}}]}"""
+
+
+class _EncodingPort:
+    """Encodes what the channel sends, as the bus does, and counts it."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+
+    def send(self, topic: str, message: Message) -> None:
+        """Encode a message."""
+        self.bytes += len(encode(message))
 
 
 def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
@@ -31,25 +48,49 @@ def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
     steps = effort.steps(_STEPS)
     with tempfile.TemporaryDirectory() as folder:
         perfect = load_text(Path(folder), network(NODES, steps, ring(NODES)))
-        staged = load_text(
-            Path(folder), network(NODES, steps, ring(NODES), channel=_STAGES, attacks=_ATTACKS)
-        )
+        staged = load_text(Path(folder), network(NODES, steps, ring(NODES), channel=_STAGES))
     with_stages, without = [], []
     for repetition in range(effort.repeats):
         effort.tell(f"channel, {repetition + 1} of {effort.repeats}")
-        with_stages.append(_packets_per_s(staged))
-        without.append(_packets_per_s(perfect))
-    what = "channel in one process, five stages a link"
-    return [Comparison("h", what, "packets/s", with_stages, "perfect links", without)]
+        with_stages.append(packets_per_s(staged))
+        without.append(packets_per_s(perfect))
+    what = "channel process's work, five stages a link"
+    return [Comparison("h", what, "packets/s", with_stages, "perfect links", without, at_least(0.7))]
 
 
-def _packets_per_s(plan: Plan) -> float:
-    """Return how many packets a second pass the links between neighbours; one counts on every link."""
-    network = build_network(plan, keys.EXCHANGE)
-    values = np.arange(12.0)
+def packets_per_s(plan: Plan) -> float:
+    """Return how many packets a second the channel passes, one counted on every link and step.
+
+    What is timed is what a channel process does in a run, but for the bus: it decodes what senders sent,
+    passes it over their links, and builds and encodes inboxes and accounts.
+    """
+    scheduler, port = Scheduler(), _EncodingPort()
+    for program, topics in channel_programs(port, plan):
+        scheduler.add(program, topics)
+    sent = list(_sent(plan))
+    scheduler.run()
+    intake = Intake({})
     began_s = time.process_time()
+    for topic, payload in sent:
+        scheduler.deliver(topic, intake.admit(topic, payload))
+        scheduler.run()
+    taken_s = time.process_time() - began_s
+    if not scheduler.finished:
+        raise RuntimeError("the channel waits for messages that nobody sends")
+    return len(plan.links) * plan.steps / taken_s
+
+
+def _sent(plan: Plan) -> Iterator[tuple[str, bytes]]:
+    """Yield what all senders send, encoded: one packet a slot, of random values."""
+    draws = np.random.default_rng(1)
+    senders = [
+        (stream, source, seal_of(plan, source))
+        for stream in _PAYLOADS
+        for source in dict.fromkeys(link.source for link in plan.links_of(stream))
+    ]
     for step in range(plan.steps):
-        for source in network.sources:
-            network.transmit(source, step, 0, [Packet(source, step, step, keys.EXCHANGE, values)])
-        network.take_events(step, 0)
-    return len(plan.links_of(keys.EXCHANGE)) * plan.steps / (time.process_time() - began_s)
+        for stream, source, seal in senders:
+            packet = Packet(source, step, step, stream, draws.standard_normal(_PAYLOADS[stream]))
+            check = () if seal is None else (seal(packet),)
+            slot = transmission(step, step * plan.period_s, 0, step, packet.values.tolist(), *check)
+            yield keys.tx(source, stream), encode(slot)

@@ -54,8 +54,8 @@ def packets_of_transmission(message: Transmission, source: str, kind: str) -> li
         )
     if not sequences:
         return []
-    if not checks and message.offset == _ONE_PACKET:
-        return [Packet(source, message.step, sequences[0], kind, np.array(message.values))]
+    if message.offset == _ONE_PACKET:
+        return [Packet(source, message.step, sequences[0], kind, np.array(message.values), *checks)]
     payloads = _payloads(message.values, message.offset)
     seals = checks or [UNSEALED] * len(sequences)
     return [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
@@ -9,6 +11,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
 import numpy as np
 from msgspec.structs import replace
 
+from bus import keys
 from bus.integrity import Forger
 from bus.packets import Packet, Vector
 
@@ -23,7 +26,10 @@ DUPLICATED: Final = "duplicated"
 ALTERED: Final = "altered"
 """Values changed by the network itself; magnitude as for attacked."""
 DELAYED: Final = "delayed"
-"""Kept for a later slot; magnitude is the number of slots."""
+"""Kept for a later slot; magnitude is for how long: steps, or slots where a kind counts slots."""
+
+NEVER: Final = sys.maxsize
+"""A step after the end of every run."""
 
 T = TypeVar("T")
 
@@ -34,6 +40,19 @@ class Slot(NamedTuple):
     step: int
     round: int
     number: int
+
+
+_GREATEST = sys.float_info.max
+
+
+def norm(values: Vector) -> float:
+    """Return the Euclidean norm, or the greatest number when that is less: a log holds no infinity."""
+    return min(math.hypot(*values.tolist()), _GREATEST)
+
+
+def distance(a: list[float], b: list[float]) -> float:
+    """Return the Euclidean distance, or the greatest number when that is less."""
+    return min(math.dist(a, b), _GREATEST)
 
 
 class Event(NamedTuple):
@@ -64,7 +83,7 @@ class Ledger:
 
     def injected(self, link: str, stage: str, packet: Packet) -> None:
         """Note that a stage added a packet that nobody sent."""
-        magnitude = float(np.linalg.norm(packet.values))
+        magnitude = norm(packet.values)  # the score finds the packet again by it
         self.events.append(Event(link, stage, packet.sequence, INJECTED, magnitude))
 
     def duplicated(self, link: str, stage: str, packet: Packet) -> None:
@@ -76,7 +95,7 @@ class Ledger:
         self.events.append(Event(link, stage, packet.sequence, ALTERED, magnitude))
 
     def delayed(self, link: str, stage: str, packet: Packet, slots: int) -> None:
-        """Note that a stage keeps a packet for a number of slots."""
+        """Note that a stage keeps a packet for a number of slots (or steps)."""
         self.events.append(Event(link, stage, packet.sequence, DELAYED, float(slots)))
 
 
@@ -98,6 +117,8 @@ class Placement:
         Seals false packets, as far as the adversary can; None seals nothing.
     knowledge
         What the topology grants it to know: matrices as nested lists, by name.
+    carries
+        The stream of packets that each of its links carries (`bus.keys`); measurements if not told.
     """
 
     label: str
@@ -107,6 +128,11 @@ class Placement:
     last: int = 0
     forger: Forger | None = None
     knowledge: Mapping[str, Any] = field(default_factory=dict)
+    carries: Mapping[str, str] = field(default_factory=dict)
+
+    def kind_on(self, link: str) -> str:
+        """Return the kind of the packets that a link carries."""
+        return self.carries.get(link, keys.MEASUREMENT)
 
     def by_link(self, make: Callable[[np.random.Generator], T]) -> dict[str, T]:
         """Return what ``make`` makes of each stream's generator, by link; links of one stream share it."""
@@ -131,7 +157,8 @@ class Lane:
     """What one stage does on one link; it may keep state, and keep packets for later slots.
 
     It is called once for every slot of its link, in their order: `act` in steps of action, `rest` in the
-    others. Whoever keeps packets counts them in ``held`` and lets them go in `rest` as well.
+    others; slots that it is quiet in are left out. Whoever keeps packets counts them in ``held`` and lets
+    them go in `rest` as well.
     """
 
     held: int = 0
@@ -149,9 +176,20 @@ class Lane:
         """Return the packets of a slot outside the steps of action."""
         return packets
 
+    def quiet_until(self, step: int) -> int:
+        """Return a step before which, from the given one on, `act` and `rest` would hand on what they get.
+
+        They are not called before it while nothing is held: a kind that knows its fates ahead saves most of
+        its calls. By default it is the given step itself, and they are called for every slot.
+        """
+        return step
+
 
 class Stage(Protocol):
     """One declared stage over all its links. A kind is constructed as ``Kind(placement, **parameters)``.
+
+    A kind may declare more: ``default_integrity`` (``"crc"``: its senders seal their packets unless told
+    otherwise), ``acts_as_sender`` (True: it stands for a part of the sender, and seals in its name).
 
     Its lanes are called in the order of the slots on each link, but in any order over links: what it draws
     for a shared stream must depend on the step alone.

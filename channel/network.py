@@ -12,8 +12,19 @@ from bus.packets import Packet
 from bus.plan import LinkPlan, Plan, StagePlan
 from bus.random_streams import random_stream
 from bus.schedules import Timing
-from channel.contract import ATTACKED, DUPLICATED, INJECTED, LOST, Lane, Ledger, Placement, Slot, Stage
-from channel.draws import SlotStreams
+from channel.contract import (
+    ATTACKED,
+    DUPLICATED,
+    INJECTED,
+    LOST,
+    NEVER,
+    Lane,
+    Ledger,
+    Placement,
+    Slot,
+    Stage,
+)
+from channel.draws import SteppedDraws, permutation
 
 _COUNTED = (LOST, ATTACKED, INJECTED, DUPLICATED)
 
@@ -24,44 +35,95 @@ def build_stage(plan: Plan, stage: StagePlan) -> Stage:
         stream: random_stream(plan.seed, plan.trial, stream, stage.purpose)
         for stream in dict.fromkeys(stage.streams.values())
     }
+    kind = load_class(stage.kind.reference)
+    holds_keys = stage.holds_keys or getattr(kind, "acts_as_sender", False)
     placement = Placement(
         stage.label,
         stage.streams,
         generators,
         stage.timing.first,
         stage.timing.last,
-        Forger(plan, stage.holds_keys),
+        Forger(plan, holds_keys),
         stage.knowledge,
+        {link.name: link.stream for link in plan.links if link.name in stage.streams},
     )
-    built: Stage = load_class(stage.kind.reference)(placement, **stage.kind.parameters)
+    built: Stage = kind(placement, **stage.kind.parameters)
     return built
+
+
+class _Placed:
+    """A lane with its timing; ``quiet`` is the first step in which it must be called again."""
+
+    __slots__ = ("act", "first", "is_active", "keeps", "lane", "last", "looks_ahead", "quiet", "rest")
+
+    def __init__(self, timing: Timing, lane: Lane, last_step: int) -> None:
+        self.first, self.last = timing.first, timing.last
+        self.is_active = None if timing.schedule is None else timing.schedule.active
+        self.lane = lane
+        self.act = lane.act
+        self.keeps = type(lane).rest is not Lane.rest
+        self.rest = lane.rest if self.keeps else None
+        knows = type(lane).quiet_until is not Lane.quiet_until
+        has_window = timing.first > 0 or timing.last < last_step
+        self.looks_ahead = knows or (has_window and not self.keeps)
+        self.quiet = 0
+
+    def ahead(self, step: int) -> int:
+        """Return the first step from the given one on in which it must be called."""
+        if self.lane.held:
+            return step
+        if step > self.last:
+            return NEVER
+        return self.lane.quiet_until(max(step, self.first))
 
 
 class _Link:
     """One link's stages, each with its timing, and who receives what is left."""
 
-    __slots__ = ("destination", "keepers", "lanes", "name", "number", "place", "source")
+    __slots__ = ("destination", "keepers", "name", "number", "place", "placed", "quiet", "source")
 
     def __init__(
-        self, number: int, plan: LinkPlan, place: int, stages: Mapping[str, tuple[Timing, Stage]]
+        self,
+        number: int,
+        plan: LinkPlan,
+        place: int,
+        stages: Mapping[str, tuple[Timing, Stage]],
+        last_step: int,
     ) -> None:
         self.number = number
         self.name = plan.name
         self.source = plan.source
         self.destination = plan.destination
         self.place = place
-        placed = [(timing, stage.lane(plan.name)) for timing, stage in map(stages.__getitem__, plan.stages)]
-        self.lanes = [
-            (
-                timing.first,
-                timing.last,
-                None if timing.schedule is None else timing.schedule.active,
-                lane.act,
-                None if type(lane).rest is Lane.rest else lane.rest,
-            )
-            for timing, lane in placed
-        ]
-        self.keepers = [lane for _, lane in placed if type(lane).rest is not Lane.rest]
+        lanes = [(timing, stage.lane(plan.name)) for timing, stage in map(stages.__getitem__, plan.stages)]
+        self.placed = [_Placed(timing, lane, last_step) for timing, lane in lanes if not _is_idle(lane)]
+        self.keepers = [placed.lane for placed in self.placed if placed.keeps]
+        self.quiet = 0 if self.placed else NEVER
+
+    def carry(
+        self, slot: Slot, packets: Sequence[Packet], ledger: Ledger, next_step: int
+    ) -> Sequence[Packet]:
+        """Return what the stages make of a slot; ``next_step`` is that of the link's next one."""
+        step = slot.step
+        quiet = NEVER
+        for placed in self.placed:
+            if placed.quiet <= step:
+                is_active = placed.is_active
+                if placed.first <= step <= placed.last and (is_active is None or is_active(step)):
+                    packets = placed.act(slot, packets, ledger)
+                elif placed.rest is not None:
+                    packets = placed.rest(slot, packets, ledger)
+                if placed.looks_ahead:
+                    placed.quiet = placed.ahead(next_step)
+            if placed.quiet < quiet:
+                quiet = placed.quiet
+        self.quiet = quiet
+        return packets
+
+
+def _is_idle(lane: Lane) -> bool:
+    """Tell whether a lane hands on what it gets, always."""
+    return type(lane).act is Lane.act and type(lane).rest is Lane.rest
 
 
 class _Account:
@@ -124,9 +186,10 @@ class PhaseNetwork:
             sources.setdefault(link.destination, []).append(link.source)
         for number, link in enumerate(links):
             place = sources[link.destination].index(link.source)
-            self._from.setdefault(link.source, []).append(_Link(number, link, place, stages))
+            self._from.setdefault(link.source, []).append(_Link(number, link, place, stages, plan.steps - 1))
         self._gates = {receiver: Gate(plan, names) for receiver, names in sources.items()}
-        self._orders: dict[str, SlotStreams] = {}
+        self._admitted: dict[str, tuple[Packet, bool]] = {}
+        self._orders: dict[str, SteppedDraws] = {}
         self._inboxes: dict[tuple[str, int, int], _Inbox] = {}
         self._accounts: dict[tuple[int, int], _Account] = {}
         self._watchers: dict[str, list[Timing]] = {}
@@ -161,16 +224,18 @@ class PhaseNetwork:
         if account is None:
             account = self._accounts[step, round_] = _Account(len(self._names[round_]))
         ledger = account.ledger
-        slot = Slot(step, round_, step * self._rounds.get(source, 1) + round_)
+        rounds = self._rounds.get(source, 1)
+        slot = Slot(step, round_, step * rounds + round_)
+        next_step = step + 1 if round_ + 1 == rounds else step
         sent, delivered, inboxes = account.sent, account.delivered, self._inboxes
         complete = []
         for link in self._from[source]:
             arrived = packets
-            for first, last, is_active, act, rest in link.lanes:
-                if first <= step <= last and (is_active is None or is_active(step)):
-                    arrived = act(slot, arrived, ledger)
-                elif rest is not None:
-                    arrived = rest(slot, arrived, ledger)
+            if link.quiet <= step:
+                arrived = link.carry(slot, packets, ledger, next_step)
+                held = sum([keeper.held for keeper in link.keepers])
+                if held:
+                    account.in_flight[link.number] = held
             destination = link.destination
             key = (destination, step, round_)
             inbox = inboxes.get(key)
@@ -179,7 +244,7 @@ class PhaseNetwork:
             number = link.number
             sent[number] = len(packets)
             delivered[number] = len(arrived)
-            if link.lanes and (arrived is not packets or link.keepers):
+            if arrived is not packets:
                 arrived = self._settle(link, slot, arrived, account, inbox)
             inbox.slots[link.place] = arrived
             inbox.left -= 1
@@ -192,12 +257,8 @@ class PhaseNetwork:
     def _settle(
         self, link: _Link, slot: Slot, arrived: Sequence[Packet], account: _Account, inbox: _Inbox
     ) -> Sequence[Packet]:
-        """Account for what the stages of a link kept or made up; return its packets in a drawn order."""
-        held = sum(lane.held for lane in link.keepers)
-        if held:
-            account.in_flight[link.number] = held
-        gate = self._gates[link.destination]
-        refused = sum(not gate.admits(packet) for packet in arrived)
+        """Account for what the stages of a link made of a slot; return its packets in a drawn order."""
+        refused = sum([not self._admits(link, packet) for packet in arrived])
         if refused:
             account.refused[link.number] = refused
             account.delivered[link.number] -= refused
@@ -205,14 +266,24 @@ class PhaseNetwork:
             inbox.has_impostors = True
         return self._shuffled(link.name, slot, arrived) if len(arrived) > 1 else arrived
 
+    def _admits(self, link: _Link, packet: Packet) -> bool:
+        """Tell whether a receiver will let a packet in; a sender's packet is the same for all who hear it."""
+        if packet.source != link.source:
+            return self._gates[link.destination].admits(packet)
+        last = self._admitted.get(packet.source)
+        if last is None or last[0] is not packet:
+            admitted = self._gates[link.destination].admits(packet)
+            last = self._admitted[packet.source] = (packet, admitted)
+        return last[1]
+
     def _shuffled(self, name: str, slot: Slot, packets: Sequence[Packet]) -> list[Packet]:
         """Return packets that met in a slot, sorted and then permuted by a draw of this name and slot."""
-        streams = self._orders.get(name)
-        if streams is None:
+        draws = self._orders.get(name)
+        if draws is None:
             generator = random_stream(self._plan.seed, self._plan.trial, name, "order")
-            streams = self._orders[name] = SlotStreams(generator)
+            draws = self._orders[name] = SteppedDraws(generator)
         by_content = sorted(packets, key=lambda packet: (packet.sequence, packet.values.tolist()))
-        return [by_content[index] for index in streams.at(slot.number).permutation(len(by_content))]
+        return [by_content[index] for index in permutation(draws.at(slot.number), len(by_content))]
 
     def _packets(self, receiver: str, slot: Slot, inbox: _Inbox) -> list[Packet]:
         """Return the packets of a whole inbox; those that come in another's name stand among the genuine."""
@@ -232,16 +303,20 @@ class PhaseNetwork:
         events = account.ledger.events
         counts: dict[str, dict[int, int]] = {action: {} for action in _COUNTED}
         if events:
-            events = sorted(events, key=lambda event: numbers[event.link])
-            seen: set[tuple[str, int]] = set()
-            for event in events:
-                count = counts.get(event.action)
-                if count is None or (event.action == ATTACKED and (event.link, event.sequence) in seen):
-                    continue
-                if event.action == ATTACKED:
-                    seen.add((event.link, event.sequence))
-                number = numbers[event.link]
-                count[number] = count.get(number, 0) + 1
+            events.sort(key=lambda event: numbers[event[0]])
+            attacked = set()
+            for link, _, sequence, action, _ in events:
+                if action == ATTACKED:
+                    if (link, sequence) in attacked:
+                        continue
+                    attacked.add((link, sequence))
+                count = counts.get(action)
+                if count is not None:
+                    number = numbers[link]
+                    count[number] = count.get(number, 0) + 1
+        event_link, event_stage, event_sequence, event_action, event_magnitude = (
+            map(list, zip(*events, strict=True)) if events else ([], [], [], [], [])
+        )
         return ChannelEvents(
             step=step,
             t=step * self._period_s,
@@ -255,11 +330,11 @@ class PhaseNetwork:
             duplicated=account.spread(counts[DUPLICATED]),
             refused=account.spread(account.refused),
             in_flight=account.spread(account.in_flight),
-            event_link=[event.link for event in events],
-            event_stage=[event.stage for event in events],
-            event_sequence=[event.sequence for event in events],
-            event_action=[event.action for event in events],
-            event_magnitude=[event.magnitude for event in events],
+            event_link=event_link,
+            event_stage=event_stage,
+            event_sequence=event_sequence,
+            event_action=event_action,
+            event_magnitude=event_magnitude,
         )
 
 

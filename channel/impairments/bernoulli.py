@@ -1,4 +1,4 @@
-"""Independent losses."""
+"""Losses that do not look at one another, or only a little."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from annotated_types import Interval
 
 from bus.packets import Packet
 from channel.contract import Lane, Ledger, Placement, Slot
-from channel.draws import SteppedDraws
+from channel.draws import SteppedFates, chances
 
 Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
+Correlation = Annotated[float, Interval(ge=0.0, lt=1.0)]
 
 
 class Bernoulli:
@@ -21,29 +22,34 @@ class Bernoulli:
     ----------
     loss
         The probability that a slot's packets are lost.
+    correlation
+        Of the normal numbers from which fates of successive steps are made (a Gaussian copula): losses then
+        come in clusters, and the probability of each stays exact.
     """
 
     open_loop: ClassVar[bool] = True
 
-    def __init__(self, placement: Placement, *, loss: Probability) -> None:
+    def __init__(self, placement: Placement, *, loss: Probability, correlation: Correlation = 0.0) -> None:
         self._placement = placement
-        self._loss = loss
-        self._draws = placement.by_link(SteppedDraws)
+        self._losses = placement.by_link(lambda generator: chances(generator, loss, correlation))
 
     def lane(self, link: str) -> Lane:
         """Return what it does on a link."""
-        return _BernoulliLane(self._placement, link, self._draws[link], self._loss)
+        return _BernoulliLane(self._placement, link, self._losses[link])
 
 
 class _BernoulliLane(Lane):
-    def __init__(self, placement: Placement, link: str, draws: SteppedDraws, loss: float) -> None:
+    def __init__(self, placement: Placement, link: str, losses: SteppedFates[bool]) -> None:
         super().__init__(placement, link)
-        self._draw = draws.at
-        self._loss = loss
+        self._lost = losses.at
+        self._next = losses.next
 
     def act(self, slot: Slot, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
-        if self._draw(slot.step) >= self._loss:
+        if not self._lost(slot.step):
             return packets
         for packet in packets:
             ledger.lost(self.link, self.label, packet)
         return ()
+
+    def quiet_until(self, step: int) -> int:
+        return self._next(step)

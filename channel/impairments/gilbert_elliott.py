@@ -12,16 +12,16 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Interval
+from numpy.typing import NDArray
 
 from bus.packets import Packet
 from channel.contract import Lane, Ledger, Placement, Slot
+from channel.draws import SteppedFates
 
 Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 Clock = Literal["step", "slot", "packet"]
 Initial = Literal["good", "bad", "stationary"]
 LossFrom = Literal["new_state", "old_state"]
-
-_BLOCK = 256
 
 
 @dataclass(frozen=True)
@@ -64,32 +64,27 @@ def law_of_bursts(
     return GilbertElliottLaw(failure, recovery, initial=initial, loss_from=loss_from)
 
 
-class GilbertElliottChain:
-    """The fates of one chain, a tick an entry, drawn ahead in blocks."""
+class GilbertElliottChain(SteppedFates[bool]):
+    """The fates of one chain: `at` tells whether a tick loses; ticks may be asked for in any order."""
 
     def __init__(self, law: GilbertElliottLaw, generator: np.random.Generator) -> None:
-        self._law = law
-        self._generator = generator
+        super().__init__(generator, self._walk)
         first = generator.random()
+        self._chain = law
         self._bad = law.initial == "bad" if law.initial != "stationary" else first < law.stationary_bad
-        self._lost: list[bool] = []
 
-    def lost(self, tick: int) -> bool:
-        """Return whether the given tick loses; ticks may be asked for in any order."""
-        while tick >= len(self._lost):
-            self._extend()
-        return self._lost[tick]
-
-    def _extend(self) -> None:
-        law = self._law
-        moves, losses = self._generator.random((2, _BLOCK)).tolist()
+    def _walk(self, generator: np.random.Generator, size: int) -> NDArray[np.bool_]:
+        law = self._chain
+        moves, losses = generator.random((2, size)).tolist()
         bad = self._bad
+        lost = []
         for move, loss in zip(moves, losses, strict=True):
             moved = move >= law.recovery if bad else move < law.failure
             deciding = moved if law.loss_from == "new_state" else bad
-            self._lost.append(loss < (law.loss_bad if deciding else law.loss_good))
+            lost.append(loss < (law.loss_bad if deciding else law.loss_good))
             bad = moved
         self._bad = bad
+        return np.array(lost)
 
 
 class GilbertElliott:
@@ -148,15 +143,13 @@ class GilbertElliott:
         return _LANES[self._clock](self._placement, link, self._chains[link])
 
 
-class _StepLane(Lane):
-    """A link of a chain that steps drive."""
+class _ChainLane(Lane):
+    """A link of a chain."""
 
     def __init__(self, placement: Placement, link: str, chain: GilbertElliottChain) -> None:
         super().__init__(placement, link)
-        self._lost = chain.lost
-
-    def act(self, slot: Slot, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
-        return self._lose(packets, ledger) if self._lost(slot.step) else packets
+        self._lost = chain.at
+        self._next = chain.next
 
     def _lose(self, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
         for packet in packets:
@@ -164,7 +157,17 @@ class _StepLane(Lane):
         return ()
 
 
-class _SlotLane(_StepLane):
+class _StepLane(_ChainLane):
+    """A link of a chain that steps drive."""
+
+    def act(self, slot: Slot, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
+        return self._lose(packets, ledger) if self._lost(slot.step) else packets
+
+    def quiet_until(self, step: int) -> int:
+        return self._next(step)
+
+
+class _SlotLane(_ChainLane):
     """A link whose chain moves with each of its slots, an empty one too."""
 
     _tick = -1
@@ -174,7 +177,7 @@ class _SlotLane(_StepLane):
         return self._lose(packets, ledger) if self._lost(self._tick) else packets
 
 
-class _PacketLane(_StepLane):
+class _PacketLane(_ChainLane):
     """A link whose chain moves with each of its packets."""
 
     _tick = -1
@@ -190,4 +193,4 @@ class _PacketLane(_StepLane):
         return packets if len(arrived) == len(packets) else arrived
 
 
-_LANES: dict[Clock, type[_StepLane]] = {"step": _StepLane, "slot": _SlotLane, "packet": _PacketLane}
+_LANES: dict[Clock, type[_ChainLane]] = {"step": _StepLane, "slot": _SlotLane, "packet": _PacketLane}

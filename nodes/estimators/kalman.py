@@ -17,7 +17,6 @@ from nodes.estimators.linear_gaussian import (
     cholesky,
     correct,
     mahalanobis_squared,
-    measurements,
 )
 
 
@@ -84,7 +83,7 @@ class Kalman:
                 self._state = self._state + self._input.effect
             self._covariance = self._dynamics.propagate(self._covariance)
         self._nis, self._nis_dof, self._detections = 0.0, 0, ()
-        current = measurements(step, packets)
+        current = self._sensors.measurements(step, packets)
         if current:
             model, values = self._sensors.stack(current)
             correction = correct(self._state, self._covariance, model, values)

@@ -11,6 +11,7 @@ import typer
 
 from orchestrator import exit_codes
 from orchestrator.command_line import log_commands
+from orchestrator.command_line.fit import fit
 from orchestrator.command_line.output import (
     fail,
     outlive_readers,
@@ -43,6 +44,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(log_commands.app, name="log")
+app.command()(fit)
 
 TopologyFile = Annotated[
     Path, typer.Argument(metavar="FILE", help="A topology file (YAML).", show_default=False)

@@ -30,7 +30,7 @@ def stage(streams: dict[str, str], **parameters: Any) -> GilbertElliott:
 
 def fates(law: GilbertElliottLaw, ticks: int, seed: int) -> np.ndarray:
     chain = GilbertElliottChain(law, random_stream(seed, 0, "link", "gilbert_elliott"))
-    return np.array([chain.lost(tick) for tick in range(ticks)])
+    return np.array([chain.at(tick) for tick in range(ticks)])
 
 
 @pytest.mark.parametrize("tick", [0, 3, 20])
