@@ -50,9 +50,12 @@ def norm(values: Vector) -> float:
     return min(math.hypot(*values.tolist()), _GREATEST)
 
 
-def distance(a: list[float], b: list[float]) -> float:
-    """Return the Euclidean distance, or the greatest number when that is less."""
-    return min(math.dist(a, b), _GREATEST)
+def distance(a: Vector, b: Vector) -> float:
+    """Return the Euclidean distance, or the greatest number when that is less.
+
+    Of payloads of different sizes it is the norm of the first.
+    """
+    return min(math.dist(a.tolist(), b.tolist()), _GREATEST) if a.size == b.size else norm(a)
 
 
 class Event(NamedTuple):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bus.packets import Packet, Vector
-from channel.contract import Lane, Ledger, Placement, Slot
+from channel.contract import Lane, Ledger, Placement, Slot, distance
 
 
 class Part:
@@ -89,8 +88,3 @@ class FalsifyingLane(Lane):
 
 def _is(one: object, other: object) -> bool:
     return one is other
-
-
-def distance(one: Vector, other: Vector) -> float:
-    """Return the Euclidean distance of two payloads; the norm of the first when their sizes differ."""
-    return math.hypot(*(one - other if one.size == other.size else one).tolist())

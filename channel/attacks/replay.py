@@ -7,8 +7,7 @@ from itertools import zip_longest
 from typing import ClassVar
 
 from bus.packets import Packet
-from channel.attacks.falsifying import distance
-from channel.contract import Lane, Ledger, Placement, Slot
+from channel.contract import Lane, Ledger, Placement, Slot, distance
 
 
 class Replay:

@@ -33,8 +33,9 @@ class ValueFunction:
             return last[1], last[2]
         numbers: list[float] = packet.values.tolist()
         new = self._function(numbers)
-        change = 0.0 if new is numbers else distance(new, numbers)
-        changed = self._sealed(packet, np.array(new)) if change else packet
+        values = packet.values if new is numbers else np.array(new)
+        change = 0.0 if new is numbers else distance(values, packet.values)
+        changed = self._sealed(packet, values) if change else packet
         self._last[packet.source] = (packet, changed, change)
         return changed, change
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from array import array
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -281,7 +282,7 @@ def _norms(message: Inbox) -> Sequence[float]:
     """Return the Euclidean norm of each payload of an inbox."""
     values = message.values
     bounds = pairwise([*message.offset, len(values)])
-    return [math.hypot(*values[begin:end]) for begin, end in bounds]
+    return [min(math.hypot(*values[begin:end]), sys.float_info.max) for begin, end in bounds]
 
 
 def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:
