@@ -208,6 +208,7 @@ class PhaseNetwork:
             self._from.setdefault(link.source, []).append(_Link(number, link, place, stages, plan.steps - 1))
         self._gates = {receiver: Gate(plan, names) for receiver, names in sources.items()}
         self._admitted: dict[str, tuple[Packet, bool]] = {}
+        """A sender's last packet that was checked, and the verdict: it is the same for all who hear it."""
         self._orders: dict[str, SteppedDraws] = {}
         self._inboxes: dict[tuple[str, int, int], _Inbox] = {}
         self._accounts: dict[tuple[int, int], _Account] = {}
@@ -280,23 +281,21 @@ class PhaseNetwork:
         self, link: _Link, slot: Slot, arrived: Sequence[Packet], account: _Account, inbox: _Inbox
     ) -> Sequence[Packet]:
         """Account for what the stages of a link made of a slot; return its packets in a drawn order."""
-        refused = sum([not self._admits(link, packet) for packet in arrived])
+        refused = 0
+        for packet in arrived:
+            if packet.source != link.source:
+                inbox.has_impostors = True
+                refused += not self._gates[link.destination].admits(packet)
+                continue
+            last = self._admitted.get(packet.source)
+            if last is None or last[0] is not packet:
+                admitted = self._gates[link.destination].admits(packet)
+                last = self._admitted[packet.source] = (packet, admitted)
+            refused += not last[1]
         if refused:
             account.refused[link.number] = refused
             account.delivered[link.number] -= refused
-        if any(packet.source != link.source for packet in arrived):
-            inbox.has_impostors = True
         return self._shuffled(link.name, slot, arrived) if len(arrived) > 1 else arrived
-
-    def _admits(self, link: _Link, packet: Packet) -> bool:
-        """Tell whether a receiver will let a packet in; a sender's packet is the same for all who hear it."""
-        if packet.source != link.source:
-            return self._gates[link.destination].admits(packet)
-        last = self._admitted.get(packet.source)
-        if last is None or last[0] is not packet:
-            admitted = self._gates[link.destination].admits(packet)
-            last = self._admitted[packet.source] = (packet, admitted)
-        return last[1]
 
     def _shuffled(self, name: str, slot: Slot, packets: Sequence[Packet]) -> list[Packet]:
         """Return packets that met in a slot, sorted and then permuted by a draw of this name and slot."""
