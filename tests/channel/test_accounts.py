@@ -22,6 +22,7 @@ from bus.kinds import load_class
 from bus.messages import ChannelEvents, encode
 from bus.packets import Packet, inbox
 from bus.plan import EstimatorPlan, Kind, LinkPlan, Plan, PlantPlan, StagePlan, TimingPlan
+from channel.attacks.laws import Box, Copied, CountLaw, Near, ValueLaw
 from channel.network import build_network
 from orchestrator.registry import BUILT_IN
 
@@ -31,6 +32,8 @@ PAYLOAD = 2
 
 chance = st.sampled_from([0.0, 0.3, 1.0])
 some = st.sampled_from([0.0, 0.7])
+laws = st.sampled_from([ValueLaw(box=Box(-1.0, 1.0)), ValueLaw(near=Near(0.5)), ValueLaw(copied=Copied())])
+counts = st.sampled_from([1, CountLaw(uniform=[0, 2])])
 
 KINDS: Mapping[str, st.SearchStrategy[dict[str, Any]]] = {
     "perfect": st.just({}),
@@ -62,11 +65,29 @@ KINDS: Mapping[str, st.SearchStrategy[dict[str, Any]]] = {
     "quantise": st.fixed_dictionaries({"step": st.sampled_from([0.1, 5.0])}),
     "saturate": st.fixed_dictionaries({"low": st.just(-0.5)}, optional={"high": st.just(0.5)}),
     "bias": st.fixed_dictionaries({"value": st.sampled_from([1.0, -3.0])}),
+    "drift": st.just({"rate": 0.5}),
+    "converging_bias": st.fixed_dictionaries({"target": st.just(2.0)}, optional={"probability": chance}),
+    "scaling": st.just({"low": 0.1, "high": 1.5}),
+    "noise": st.just({"std": 1.0}),
+    "constant": st.just({"value": [4.0, 5.0]}),
+    "hold": st.just({}),
+    "stale": st.fixed_dictionaries({"age": st.integers(1, 3)}),
+    "series": st.fixed_dictionaries({"values": st.just([[1.0], [2.0]])}, optional={"replace": st.booleans()}),
+    "flip": st.fixed_dictionaries({"probability": chance}),
+    "substitution": st.fixed_dictionaries({"probability": chance, "values": laws}),
+    "injection": st.fixed_dictionaries({"values": laws, "count": counts}),
+    "replay": st.fixed_dictionaries({"capture": st.just([0, 0])}, optional={"rewrite": st.booleans()}),
+    "sybil": st.fixed_dictionaries({"values": laws, "count": counts}),
+    "babbling": st.fixed_dictionaries({"count": counts}, optional={"spread": some}),
+    "byzantine": st.fixed_dictionaries({"spread": st.just(1.0)}),
 }
 """The parameters of each kind, for payloads of two values."""
 
-NOT_SHARED = {"rate"}
+NOT_SHARED = {"rate", "byzantine"}
 """Kinds that refuse links of one stream."""
+
+NOT_FIRST = {"replay"}
+"""Kinds that cannot act in the first step."""
 
 REFERENCES = {**BUILT_IN["impairments"], **BUILT_IN["attacks"]}
 
@@ -94,11 +115,20 @@ def stages(draw: st.DrawFn, label: str, edges: Sequence[tuple[str, str]]) -> Sta
     name = draw(st.sampled_from(sorted(KINDS)))
     parameters = draw(KINDS[name])
     on = draw(st.lists(st.sampled_from(edges), min_size=1, unique=True))
+    if name == "sybil":
+        others = {"nobody", *NAMES} - {source for source, _ in on}
+        parameters = parameters | {"identity": draw(st.sampled_from(sorted(others)))}
     may_share = name not in NOT_SHARED and parameters.get("clock", "step") == "step"
     shared = may_share and draw(st.booleans())
-    first, last = sorted(draw(st.tuples(st.integers(0, STEPS - 1), st.integers(0, STEPS - 1))))
+    earliest = int(name in NOT_FIRST)
+    step = st.integers(earliest, STEPS - 1)
+    first, last = sorted(draw(st.tuples(step, step)))
     when = draw(st.sampled_from([None, Kind("bus.schedules:Periodic", {"every": 3, "steps_on": 2})]))
-    timing = TimingPlan(first, last, when, label, "when") if draw(st.booleans()) else TimingPlan(0, STEPS - 1)
+    timing = (
+        TimingPlan(first, last, when, label, "when")
+        if draw(st.booleans())
+        else TimingPlan(earliest, STEPS - 1)
+    )
     streams = {link_name(edge): "medium" if shared else link_name(edge) for edge in on}
     return StagePlan(label, Kind(REFERENCES[name], parameters), streams, label, timing)
 
