@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
 import numpy as np
 from msgspec.structs import replace
 
+from bus import keys
 from bus.integrity import Forger
 from bus.packets import Packet, Vector
 
@@ -49,9 +50,12 @@ def norm(values: Vector) -> float:
     return min(math.hypot(*values.tolist()), _GREATEST)
 
 
-def distance(a: list[float], b: list[float]) -> float:
-    """Return the Euclidean distance, or the greatest number when that is less."""
-    return min(math.dist(a, b), _GREATEST)
+def distance(a: Vector, b: Vector) -> float:
+    """Return the Euclidean distance, or the greatest number when that is less.
+
+    Of payloads of different sizes it is the norm of the first.
+    """
+    return min(math.dist(a.tolist(), b.tolist()), _GREATEST) if a.size == b.size else norm(a)
 
 
 class Event(NamedTuple):
@@ -82,7 +86,8 @@ class Ledger:
 
     def injected(self, link: str, stage: str, packet: Packet) -> None:
         """Note that a stage added a packet that nobody sent."""
-        self.events.append(Event(link, stage, packet.sequence, INJECTED, norm(packet.values)))
+        magnitude = norm(packet.values)  # the score finds the packet again by it
+        self.events.append(Event(link, stage, packet.sequence, INJECTED, magnitude))
 
     def duplicated(self, link: str, stage: str, packet: Packet) -> None:
         """Note that a stage added a copy of a packet."""
@@ -115,6 +120,8 @@ class Placement:
         Seals false packets, as far as the adversary can; None seals nothing.
     knowledge
         What the topology grants it to know: matrices as nested lists, by name.
+    carries
+        The stream of packets that each of its links carries (`bus.keys`); measurements if not told.
     """
 
     label: str
@@ -124,6 +131,11 @@ class Placement:
     last: int = 0
     forger: Forger | None = None
     knowledge: Mapping[str, Any] = field(default_factory=dict)
+    carries: Mapping[str, str] = field(default_factory=dict)
+
+    def kind_on(self, link: str) -> str:
+        """Return the kind of the packets that a link carries."""
+        return self.carries.get(link, keys.MEASUREMENT)
 
     def by_link(self, make: Callable[[np.random.Generator], T]) -> dict[str, T]:
         """Return what ``make`` makes of each stream's generator, by link; links of one stream share it."""
@@ -180,7 +192,7 @@ class Stage(Protocol):
     """One declared stage over all its links. A kind is constructed as ``Kind(placement, **parameters)``.
 
     A kind may declare more: ``default_integrity`` (``"crc"``: its senders seal their packets unless told
-    otherwise), ``reseals`` (True: it stands for a part of the sender, and may seal in the sender's name).
+    otherwise), ``acts_as_sender`` (True: it stands for a part of the sender, and seals in its name).
 
     Its lanes are called in the order of the slots on each link, but in any order over links: what it draws
     for a shared stream must depend on the step alone.

@@ -36,7 +36,7 @@ def build_stage(plan: Plan, stage: StagePlan) -> Stage:
         for stream in dict.fromkeys(stage.streams.values())
     }
     kind = load_class(stage.kind.reference)
-    holds_keys = stage.holds_keys or getattr(kind, "reseals", False)
+    holds_keys = stage.holds_keys or getattr(kind, "acts_as_sender", False)
     placement = Placement(
         stage.label,
         stage.streams,
@@ -45,6 +45,7 @@ def build_stage(plan: Plan, stage: StagePlan) -> Stage:
         stage.timing.last,
         Forger(plan, holds_keys),
         stage.knowledge,
+        {link.name: link.stream for link in plan.links if link.name in stage.streams},
     )
     built: Stage = kind(placement, **stage.kind.parameters)
     return built

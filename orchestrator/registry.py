@@ -40,11 +40,17 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "constant_acceleration": "nodes.plants.constant_acceleration:ConstantAcceleration",
             }
         ),
-        "sensors": MappingProxyType({"linear": "nodes.sensors.linear:Linear"}),
+        "sensors": MappingProxyType(
+            {
+                "linear": "nodes.sensors.linear:Linear",
+                "innovation": "nodes.sensors.innovation:Innovation",
+            }
+        ),
         "estimators": MappingProxyType(
             {
                 "kalman": "nodes.estimators.kalman:Kalman",
                 "kalman_centralized": "nodes.estimators.kalman_centralized:KalmanCentralized",
+                "innovation_kalman": "nodes.estimators.innovation_kalman:InnovationKalman",
                 "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
                 "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",
                 "external": "nodes.estimators.external:External",
@@ -74,8 +80,36 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "saturate": "channel.impairments.saturate:Saturate",
             }
         ),
-        "attacks": MappingProxyType({"bias": "channel.attacks.bias:Bias"}),
-        "controllers": MappingProxyType({}),
+        "attacks": MappingProxyType(
+            {
+                "bias": "channel.attacks.bias:Bias",
+                "drift": "channel.attacks.drift:Drift",
+                "converging_bias": "channel.attacks.converging_bias:ConvergingBias",
+                "scaling": "channel.attacks.scaling:Scaling",
+                "noise": "channel.attacks.noise:Noise",
+                "constant": "channel.attacks.constant:Constant",
+                "hold": "channel.attacks.hold:Hold",
+                "stale": "channel.attacks.stale:Stale",
+                "series": "channel.attacks.series:Series",
+                "flip": "channel.attacks.flip:Flip",
+                "substitution": "channel.attacks.substitution:Substitution",
+                "injection": "channel.attacks.injection:Injection",
+                "replay": "channel.attacks.replay:Replay",
+                "sybil": "channel.attacks.sybil:Sybil",
+                "babbling": "channel.attacks.babbling:Babbling",
+                "byzantine": "channel.attacks.byzantine:Byzantine",
+                "zero_dynamics": "channel.attacks.zero_dynamics:ZeroDynamics",
+                "covert": "channel.attacks.covert:Covert",
+                "optimal_linear": "channel.attacks.optimal_linear:OptimalLinear",
+                "worst_case_bias": "channel.attacks.worst_case_bias:WorstCaseBias",
+            }
+        ),
+        "controllers": MappingProxyType(
+            {
+                "state_feedback": "nodes.controllers.state_feedback:StateFeedback",
+                "lqr": "nodes.controllers.lqr:Lqr",
+            }
+        ),
         "signals": MappingProxyType({"signal": "nodes.signal_attack:Signal"}),
         "faults": MappingProxyType({"crash": "nodes.faults:Crash", "hang": "nodes.faults:Hang"}),
         "schedules": MappingProxyType(

@@ -95,7 +95,7 @@ class _CorruptLane(Lane):
         if not packet.values.size:
             return packet
         values = flipped(packet.values, self._bits, generator)
-        ledger.altered(self.link, self.label, packet, distance(values.tolist(), packet.values.tolist()))
+        ledger.altered(self.link, self.label, packet, distance(values, packet.values))
         return replace(packet, values=values)
 
     def quiet_until(self, step: int) -> int:

@@ -27,7 +27,7 @@ class Quantise:
     """
 
     open_loop: ClassVar[bool] = True
-    reseals: ClassVar[bool] = True
+    acts_as_sender: ClassVar[bool] = True
 
     def __init__(self, placement: Placement, *, step: Annotated[float, Gt(0.0)], offset: float = 0.0) -> None:
         most = step * _WHOLE

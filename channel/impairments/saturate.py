@@ -19,7 +19,7 @@ class Saturate:
     """
 
     open_loop: ClassVar[bool] = True
-    reseals: ClassVar[bool] = True
+    acts_as_sender: ClassVar[bool] = True
 
     def __init__(self, placement: Placement, *, low: float | None = None, high: float | None = None) -> None:
         if low is None and high is None:

@@ -34,8 +34,9 @@ class ValueFunction:
         for packet in packets:
             numbers: list[float] = packet.values.tolist()
             new = self._function(numbers)
-            change = 0.0 if new is numbers else distance(new, numbers)
-            changed.append(self._sealed(packet, np.array(new)) if change else packet)
+            values = packet.values if new is numbers else np.array(new)
+            change = 0.0 if new is numbers else distance(values, packet.values)
+            changed.append(self._sealed(packet, values) if change else packet)
             changes.append(change)
         self.packets, self.changes = packets, changes
         self.changed = changed if any(changes) else packets

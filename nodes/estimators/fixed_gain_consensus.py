@@ -16,7 +16,6 @@ from nodes.estimators.linear_gaussian import (
     SensorBank,
     cholesky,
     mahalanobis_squared,
-    measurements,
 )
 from nodes.estimators.neighbourhood import Neighbourhood, state_mixing
 from nodes.linear_algebra import symmetrise
@@ -79,7 +78,7 @@ class FixedGainConsensus:
             self._state = self._dynamics.A.dot(mixed)
             self._covariance = self._dynamics.propagate(self._covariance)
         self._nis, self._nis_dof = 0.0, 0
-        current = measurements(step, packets)
+        current = self._sensors.measurements(step, packets)
         if current:
             self._correct(current)
         return self._state

@@ -57,7 +57,7 @@ class SensorBank:
     Raises
     ------
     ValueError
-        When a sensor is not linear, or its noise covariance is singular.
+        When a sensor is not linear, its noise covariance is singular, or it sends innovations.
     """
 
     def __init__(self, setting: Setting) -> None:
@@ -68,11 +68,30 @@ class SensorBank:
                     f"{setting.name}: sensor {name} ({type(sensor).__name__}) is not linear; "
                     "use a linear sensor, or a method for non-linear ones"
                 )
+            if getattr(sensor, "sends_innovations", False):
+                raise ValueError(
+                    f"{setting.name}: sensor {name} sends innovations, not measurements; "
+                    "use the method innovation_kalman for it"
+                )
             if dpotrf(sensor.R)[1] != 0:
                 raise ValueError(f"{setting.name}: sensor {name} has singular noise; give it a positive std")
             self.models[name] = Measurement(np.ascontiguousarray(sensor.C), np.ascontiguousarray(sensor.R))
+        self._sizes = {name: len(model.C) for name, model in self.models.items()}
         self.stacked = lru_cache(maxsize=256)(self._stack)
         """The joint model of the sensors named, whose noises are independent."""
+
+    def measurements(self, step: int, packets: Sequence[Packet]) -> Sequence[Packet]:
+        """Return the packets that measure the state of ``step`` and fit their sensor's model.
+
+        A packet sent in an earlier step measured an earlier state: none of the methods here can use it as it
+        is. Copies of one packet count once. Packets of one sensor that differ all count: which of them is
+        genuine is for the method to judge.
+        """
+        size_of = self._sizes.get
+        fitting = [p for p in packets if p.sent_step == step and p.values.size == size_of(p.source)]
+        if len({packet.source for packet in fitting}) == len(fitting):
+            return fitting
+        return list({(p.source, p.sequence, p.values.tobytes()): p for p in fitting}.values())
 
     def stack(self, packets: Sequence[Packet]) -> tuple[Measurement, Vector]:
         """Return the joint model and measurement of at least one packet, in the order of the packets."""
@@ -147,11 +166,3 @@ def mahalanobis_squared(innovation: Vector, factor: Matrix) -> float:
     """Return ``innovation' S^-1 innovation``, given the lower Cholesky factor (m, m) of ``S``."""
     residual = dtrtrs(factor, innovation, lower=1)[0]
     return float(residual.dot(residual))
-
-
-def measurements(step: int, packets: Sequence[Packet]) -> list[Packet]:
-    """Return the packets that measure the state of ``step``, without copies of one another.
-
-    A packet sent in an earlier step measured an earlier state: none of the methods here can use it as it is.
-    """
-    return list({(p.source, p.sequence): p for p in packets if p.sent_step == step}.values())

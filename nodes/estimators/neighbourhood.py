@@ -31,7 +31,6 @@ class Neighbourhood:
     """
 
     def __init__(self, setting: Setting, mixing: Mixing) -> None:
-        self._name = setting.name
         self._weights = dict(setting.neighbours)
         self._matrix = lru_cache(maxsize=1024)(
             lambda sources: np.ascontiguousarray(mixing([self._weights[source] for source in sources]))
@@ -40,22 +39,17 @@ class Neighbourhood:
     def mix(self, step: int, own: Vector, packets: Sequence[Packet]) -> tuple[int, Matrix | None]:
         """Return how many neighbours arrived and the mixture (rows, size), None when none did.
 
-        A packet sent in an earlier step is not used; of several from one neighbour the last counts.
-
-        Raises
-        ------
-        ValueError
-            When a payload has another size than the node's own.
+        Not used are packets that were sent in an earlier step, and payloads of another size than the node's
+        own: neighbours run the same method on the same plant, so those are malformed. Of several packets from
+        one neighbour the last counts.
         """
-        arrived = {packet.source: packet.values for packet in packets if packet.sent_step == step}
+        arrived = {
+            packet.source: packet.values
+            for packet in packets
+            if packet.sent_step == step and packet.values.size == own.size
+        }
         if not arrived:
             return 0, None
-        for source, values in arrived.items():
-            if len(values) != len(own):
-                raise ValueError(
-                    f"{self._name} expects {len(own)} values from {source} and got {len(values)}: "
-                    "neighbours must run the same method on the same plant"
-                )
         payloads = np.array([own, *arrived.values()])
         return len(arrived), self._matrix(tuple(arrived)).dot(payloads)
 

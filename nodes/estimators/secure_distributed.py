@@ -18,7 +18,6 @@ from nodes.estimators.linear_gaussian import (
     cholesky,
     correct,
     mahalanobis_squared,
-    measurements,
 )
 from nodes.estimators.neighbourhood import Neighbourhood, state_mixing
 
@@ -111,7 +110,7 @@ class SecureDistributed:
         if step > 0:
             self._predict()
         self._clear_step()
-        for packet in measurements(step, packets):
+        for packet in self._sensors.measurements(step, packets):
             self._take(packet)
         self._payload = np.concatenate((self._state, self._upper.ravel()))
         return self._payload

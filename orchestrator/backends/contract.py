@@ -22,7 +22,7 @@ class RunSettings:
     may be recorded before the run is given up.
     """
 
-    window: int = 16
+    window: int = 32
     stall_s: float = 30.0
 
 

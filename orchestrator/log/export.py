@@ -19,6 +19,8 @@ from orchestrator.log.reader import Log, read_log
 Format = Literal["csv", "jsonl", "npz"]
 Row = Sequence[Any]
 
+_COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
+
 _SCALARS = frozenset({"step", "t", "nis", "refers_to"})
 
 
@@ -48,8 +50,8 @@ def _packet_rows(topic: str, message: Transmission | Inbox) -> Iterator[Row]:
 
 def _account_rows(topic: str, message: ChannelEvents) -> Iterator[Row]:
     begin = (message.step, message.t, _node(topic), message.round)
-    accounts = zip(message.link, message.sent, message.lost, message.attacked, message.delivered, strict=True)
-    for account in accounts:
+    counts = [getattr(message, name) or [0] * len(message.link) for name in _COUNTS]
+    for account in zip(message.link, *counts, strict=True):
         yield (*begin, *account)
 
 
@@ -102,7 +104,7 @@ class _Tables:
         self._packets = self._open(
             "packets", "step t direction node round stream source sent_step sequence values"
         )
-        self._links = self._open("links", "step t phase round link sent lost attacked delivered")
+        self._links = self._open("links", "step t phase round link", _COUNTS)
         self._events = self._open("events", "step t phase round link stage sequence action magnitude")
 
     def _open(self, name: str, columns: str, more: Sequence[str] = ()) -> Callable[[Row], Any]:

@@ -117,6 +117,10 @@ METRICS: Mapping[str, Metric] = {
     "packets.lost": Metric("packets lost", "link", total=True),
     "packets.attacked": Metric("packets attacked", "link", total=True),
     "packets.delivered": Metric("packets delivered", "link", total=True),
+    "packets.injected": Metric("packets that nobody sent", "link", total=True),
+    "packets.duplicated": Metric("further copies of packets", "link", total=True),
+    "packets.refused": Metric("packets that failed the receiver's check", "link", total=True),
+    "packets.in_flight": Metric("packets still under way when the run ended", "link", total=True),
     "packets.lost_share": Metric(
         "share of the packets sent that were lost", "link", total=True, undefined=_NO_PACKET
     ),

@@ -1,13 +1,15 @@
 """Detectors against the channel's truth: who was attacked, who was accused, and when.
 
 A packet is known by (link, sequence). A delivered packet is *attacked* when the channel attacked that packet
-no later than the step of its delivery, and *rejected* when the first verdict on it at or after its delivery
-is an alarm.
+no later than the step of its delivery, or injected it: an injected packet may have the number of a genuine
+one, and the name of a node on another link, so it is known by (receiver, sequence, norm of its payload). A
+delivered packet is *rejected* when the first verdict on it at or after its delivery is an alarm.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections import defaultdict
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -20,9 +22,9 @@ from orchestrator.score.results import AttackWindow, Confusion, Lockout
 class Judgement:
     """Deliveries, sorted by (link, step, sequence), with their fates; and what else detection needs.
 
-    ``judged`` (L,) marks links on which some verdict was given. ``hits`` are attacked deliveries by stage,
-    ``hit_alarm`` whether each was rejected; ``alarms`` are the alarms, each at the step in which it was
-    raised.
+    ``judged`` (L,) marks links on which some verdict was given. ``hits`` are attacked deliveries by stage, on
+    the links from those in whose names they came; ``hit_alarm`` tells whether each was rejected; ``alarms``
+    are the alarms, each at the step in which it was raised.
     """
 
     link: Ints
@@ -71,14 +73,58 @@ def _after(codes: Ints, sorted_codes: Ints, steps: int) -> tuple[Bools, Ints]:
     return found // steps == codes // steps, at
 
 
-def _rows(packets: Packets, chosen: Bools) -> Packets:
-    return Packets(
-        packets.link[chosen],
-        packets.step[chosen],
-        packets.sequence[chosen],
-        packets.mark[chosen],
-        packets.stage[chosen],
-    )
+def _rows(packets: Packets, chosen: Bools | Ints) -> Packets:
+    return Packets(*(getattr(packets, field.name)[chosen] for field in fields(packets)))
+
+
+def _joined(one: Packets, other: Packets) -> Packets:
+    return Packets(*(np.concatenate([getattr(one, f.name), getattr(other, f.name)]) for f in fields(Packets)))
+
+
+def _paired(alarm: Bools, delivery_code: Ints, verdict_code: Ints, mark: Bools) -> Bools:
+    """Return the alarms with the verdicts given one by one where several deliveries have one code.
+
+    They are taken in the order of the inbox, where a step holds as many verdicts as deliveries of a code.
+    """
+    codes, counts = np.unique(delivery_code, return_counts=True)
+    judged, verdicts = np.unique(verdict_code, return_counts=True)
+    several = np.intersect1d(codes[counts > 1], judged)
+    if not several.size:
+        return alarm
+    fits = counts[np.searchsorted(codes, several)] == verdicts[np.searchsorted(judged, several)]
+    of, by = (np.argsort(code, kind="stable") for code in (delivery_code, verdict_code))
+    of, by = of[np.isin(delivery_code[of], several[fits])], by[np.isin(verdict_code[by], several[fits])]
+    paired = alarm.copy()
+    paired[of] = mark[by]
+    return paired
+
+
+def _injected(plan: Plan, gathered: Gathered) -> tuple[Bools, Ints, Ints]:
+    """Return which deliveries were injected, and pairs: where an injection landed, and which one it was."""
+    deliveries, injections = gathered.deliveries, gathered.injections
+    injected = np.zeros(deliveries.link.size, dtype=bool)
+    landed, which = [], []
+    receiver = np.array([plan.node_names.index(link.destination) for link in plan.links], dtype=np.int64)
+    wanted = _known_by(receiver, injections)
+    places: dict[tuple[int, int, float], list[int]] = defaultdict(list)
+    if wanted:
+        interesting = set(wanted)
+        for place, key in enumerate(_known_by(receiver, deliveries)):
+            if key in interesting:
+                places[key].append(place)
+    for number, (key, step) in enumerate(zip(wanted, injections.step.tolist(), strict=True)):
+        later = [place for place in places[key] if deliveries.step[place] >= step]
+        fresh = [place for place in later if not injected[place]]
+        injected[later] = True
+        landed += fresh[:1]
+        which += [number] * len(fresh[:1])
+    return injected, np.array(landed, dtype=np.int64), np.array(which, dtype=np.int64)
+
+
+def _known_by(receiver: Ints, packets: Packets) -> list[tuple[int, int, float]]:
+    """Return (receiver, sequence, norm) of some packets."""
+    columns = (receiver[packets.link], packets.sequence, packets.norm)
+    return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 def judge(plan: Plan, gathered: Gathered) -> Judgement:
@@ -89,13 +135,17 @@ def judge(plan: Plan, gathered: Gathered) -> Judgement:
     order = np.lexsort((~verdicts.mark, verdict_code))
     judged_in_time, at = _after(delivery_code, verdict_code[order], steps)
     alarm = judged_in_time & np.append(verdicts.mark[order], False)[at]
+    alarm = _paired(alarm, delivery_code, verdict_code, verdicts.mark)
     attack = events.mark
     attacked = _before(delivery_code, np.sort(event_code[attack]), steps)
     by_code = np.argsort(delivery_code, kind="stable")
     reached, at = _after(event_code[attack], delivery_code[by_code], steps)
     attacks = _rows(events, attack)
     landed = by_code[at[reached]]
-    hits = replace(_rows(attacks, reached), step=deliveries.step[landed])
+    injected, places, which = _injected(plan, gathered)
+    landed = np.concatenate([landed, places])
+    hits = _joined(_rows(attacks, reached), _rows(gathered.injections, which))
+    hits = replace(hits, step=deliveries.step[landed], link=deliveries.link[landed])
     judged = np.zeros(len(plan.links), dtype=bool)
     judged[verdicts.link[verdicts.link >= 0]] = True
     matched = (verdicts.link >= 0) & _before(verdict_code, delivery_code[by_code], steps)
@@ -103,7 +153,7 @@ def judge(plan: Plan, gathered: Gathered) -> Judgement:
     return Judgement(
         link=deliveries.link[order],
         step=deliveries.step[order],
-        attacked=attacked[order],
+        attacked=(attacked | injected)[order],
         alarm=alarm[order],
         judged=judged,
         hits=hits,

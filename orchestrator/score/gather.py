@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from array import array
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import compress, pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bus import keys
+from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Truth
+from bus.packets import packets_of_inbox
 from bus.plan import Plan
 from orchestrator.errors import InputError
 
-_IS_FALSE = {"attacked": True, "injected": True, "lost": False}
-"""The acts of the channel that concern the score: whether they make a false packet or lose one."""
+_IS_FALSE = {"attacked": True, "lost": False}
+"""The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -47,7 +53,8 @@ class Packets:
     """Rows that concern one packet each: ``link`` (its index in the plan, -1: none), ``step``, ``sequence``.
 
     ``mark`` is True for a verdict that raised the alarm and for an event that attacked (False: lost);
-    ``stage`` is the index of the stage that acted (-1: not one of the plan).
+    ``stage`` is the index of the stage that acted (-1: not one of the plan). ``norm`` is the Euclidean norm
+    of the payload of a delivery and of an injection (NaN: not told).
     """
 
     link: Ints
@@ -55,18 +62,28 @@ class Packets:
     sequence: Ints
     mark: Bools
     stage: Ints
+    norm: Floats
 
 
 @dataclass(frozen=True)
 class Gathered:
-    """A record as arrays. ``counts`` (4, L) are packets sent, lost, attacked, delivered by link."""
+    """A record as arrays. ``counts`` (8, L) holds by link the packets that `COUNTS` names.
+
+    ``deliveries`` are the packets that receivers let in, each filed under the link from its source; an
+    injection stands under the link that it was made on, which may carry it in another node's name.
+    """
 
     truth_present: Bools
     estimates: Estimates
     deliveries: Packets
     verdicts: Packets
     events: Packets
+    injections: Packets
     counts: Ints
+
+
+COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
+"""What is counted by link: sums over the run, and of ``in_flight`` what was left at its end."""
 
 
 class _Index(dict[str, int]):
@@ -81,13 +98,15 @@ class _Rows:
 
     def __init__(self) -> None:
         self.link, self.step, self.sequence, self.mark, self.stage = (array("q") for _ in range(5))
+        self.norm = array("d")
 
     def packets(self) -> Packets:
         """Return the rows as arrays; columns that were never filled are False or -1."""
         link, step, sequence = (_integers(column) for column in (self.link, self.step, self.sequence))
         mark = _integers(self.mark).astype(bool) if self.mark else np.zeros(link.size, dtype=bool)
         stage = _integers(self.stage) if self.stage else np.full(link.size, -1)
-        return Packets(link, step, sequence, mark, stage)
+        norm = np.array(self.norm) if self.norm else np.full(link.size, np.nan)
+        return Packets(link, step, sequence, mark, stage, norm)
 
 
 def _integers(column: array[int]) -> Ints:
@@ -112,9 +131,14 @@ class _Gatherer:
         self.truth: dict[int, list[float]] = {}
         self.estimates = array("q")  # seven numbers an estimate, see `take_estimate`
         self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
-        self.deliveries, self.verdicts, self.events = _Rows(), _Rows(), _Rows()
+        senders: dict[tuple[str, str], list[str]] = {}
+        for link in plan.links:
+            senders.setdefault((link.destination, keys.phase_of(link.stream)), []).append(link.source)
+        self.gates = {place: Gate(plan, sources) for place, sources in senders.items()}
+        self.deliveries, self.verdicts, self.events, self.injections = (_Rows() for _ in range(4))
         self.counted_link = array("q")
-        self.counted = tuple(array("q") for _ in range(4))
+        self.counted = tuple(array("q") for _ in COUNTS[:-1])
+        self.last_events: dict[tuple[str, int], ChannelEvents] = {}
 
     def take_truth(self, topic: str, message: Truth) -> None:
         self.truth[message.step] = message.state
@@ -135,31 +159,48 @@ class _Gatherer:
             rows.mark.extend(message.detector_alarm)
 
     def take_inbox(self, topic: str, message: Inbox) -> None:
-        if message.source:
-            incoming, rows = self.incoming[_node(topic)], self.deliveries
-            rows.link.extend(map(incoming.__getitem__, message.source))
-            rows.step.extend([message.step] * len(message.source))
-            rows.sequence.extend(message.sequence)
+        if not message.source:
+            return
+        node, phase = topic.split("/")[1:3]
+        rows, sources, sequences = self.deliveries, message.source, message.sequence
+        norms = _norms(message)
+        if self.plan.integrity or not self.incoming[node].keys() >= set(sources):
+            gate = self.gates.get((node, phase))
+            let_in = [gate is None or gate.admits(packet) for packet in packets_of_inbox(message)]
+            sources, sequences = list(compress(sources, let_in)), list(compress(sequences, let_in))
+            norms = list(compress(norms, let_in))
+        rows.link.extend(map(self.incoming[node].__getitem__, sources))
+        rows.step.extend([message.step] * len(sources))
+        rows.sequence.extend(sequences)
+        rows.norm.extend(norms)
 
     def take_events(self, topic: str, message: ChannelEvents) -> None:
         self.counted_link.extend(map(self.links.__getitem__, message.link))
-        columns = (message.sent, message.lost, message.attacked, message.delivered)
-        for total, column in zip(self.counted, columns, strict=True):
-            total.extend(column)
+        for total, name in zip(self.counted, COUNTS, strict=False):
+            total.extend(getattr(message, name) or [0] * len(message.link))
+        last = self.last_events.get((topic, message.round))
+        if last is None or message.step > last.step:
+            self.last_events[topic, message.round] = message
         if message.event_link:
             self._take_acts(message)
 
     def _take_acts(self, message: ChannelEvents) -> None:
-        rows = self.events
         columns = (message.event_link, message.event_stage, message.event_sequence, message.event_action)
-        for link, stage, sequence, action in zip(*columns, strict=True):
+        magnitudes = message.event_magnitude
+        for link, stage, sequence, action, size in zip(*columns, magnitudes, strict=True):
             is_false = _IS_FALSE.get(action)
             if is_false is not None:
-                rows.link.append(self.links[link])
-                rows.step.append(message.step)
-                rows.sequence.append(sequence)
+                rows = self.events
                 rows.mark.append(is_false)
-                rows.stage.append(self.stages[stage])
+            elif action == "injected":
+                rows = self.injections
+                rows.norm.append(size)
+            else:
+                continue
+            rows.link.append(self.links[link])
+            rows.step.append(message.step)
+            rows.sequence.append(sequence)
+            rows.stage.append(self.stages[stage])
 
     def finish(self) -> Gathered:
         truth = self._truth()
@@ -169,6 +210,7 @@ class _Gatherer:
             deliveries=self.deliveries.packets(),
             verdicts=self.verdicts.packets(),
             events=self.events.packets(),
+            injections=self.injections.packets(),
             counts=self._counts(),
         )
 
@@ -220,15 +262,27 @@ class _Gatherer:
 
     def _counts(self) -> Ints:
         link = _integers(self.counted_link)
-        if any(min(column, default=0) < 0 for column in (link, self.events.link, self.deliveries.link)):
+        acts = (self.events, self.injections, self.deliveries)
+        if min(link, default=0) < 0 or any(min(rows.link, default=0) < 0 for rows in acts):
             raise ScoreError("the record holds packets of a link that the plan does not have")
-        for column in (self.deliveries.step, self.events.step):
-            if column and not (min(column) >= 0 and max(column) < self.plan.steps):
+        for rows in acts:
+            if rows.step and not (min(rows.step) >= 0 and max(rows.step) < self.plan.steps):
                 raise ScoreError(f"the record holds packets of a step outside the plan's {self.plan.steps}")
-        counts = np.zeros((4, len(self.plan.links)), dtype=np.int64)
-        for row, column in zip(counts, self.counted, strict=True):
+        counts = np.zeros((len(COUNTS), len(self.plan.links)), dtype=np.int64)
+        for row, column in zip(counts, self.counted, strict=False):
             np.add.at(row, link, _integers(column))
+        for _, message in sorted(self.last_events.items()):
+            left = message.in_flight or [0] * len(message.link)
+            for name, count in zip(message.link, left, strict=True):
+                counts[-1, self.links[name]] = count
         return counts
+
+
+def _norms(message: Inbox) -> Sequence[float]:
+    """Return the Euclidean norm of each payload of an inbox."""
+    values = message.values
+    bounds = pairwise([*message.offset, len(values)])
+    return [min(math.hypot(*values[begin:end]), sys.float_info.max) for begin, end in bounds]
 
 
 def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:

@@ -94,7 +94,7 @@ def pooled_confusion(links: Sequence[LinkScore]) -> Confusion | None:
 
 def _traffic(links: Sequence[LinkScore], name: str) -> float:
     parts = [link.traffic for link in links]
-    pooled = Traffic.of(*(sum(getattr(part, count) for part in parts) for count in Traffic.COUNTS))
+    pooled = Traffic.of(**{count: sum(getattr(part, count) for part in parts) for count in Traffic.COUNTS})
     return _or_nan(getattr(pooled, name))
 
 

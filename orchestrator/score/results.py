@@ -186,31 +186,35 @@ class Lockout(Result, frozen=True, kw_only=True):
 class Traffic(Result, frozen=True, kw_only=True):
     """Packets of one link or of all, as the channel counted them.
 
-    ``loss_bursts`` counts runs of consecutive packets of a link that were lost; ``mean_loss_burst`` is their
-    mean length.
+    ``sent + injected + duplicated = delivered + lost + refused + in_flight``: a refused packet came and
+    failed the receiver's check, one in flight had not come when the run ended. ``loss_bursts`` counts runs of
+    consecutive packets of a link that were lost; ``mean_loss_burst`` is their mean length.
     """
 
-    COUNTS: ClassVar[tuple[str, ...]] = ("sent", "lost", "attacked", "delivered", "loss_bursts")
+    COUNTS: ClassVar[tuple[str, ...]] = (
+        *("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight"),
+        "loss_bursts",
+    )
 
     sent: int
     lost: int
     attacked: int
     delivered: int
+    injected: int
+    duplicated: int
+    refused: int
+    in_flight: int
     loss_bursts: int
     lost_share: float | None
     mean_loss_burst: float | None
 
     @classmethod
-    def of(cls, sent: int, lost: int, attacked: int, delivered: int, loss_bursts: int) -> Traffic:
+    def of(cls, **counts: int) -> Traffic:
         """Return the traffic of these counts, with its shares."""
         return cls(
-            sent=sent,
-            lost=lost,
-            attacked=attacked,
-            delivered=delivered,
-            loss_bursts=loss_bursts,
-            lost_share=_ratio(lost, sent),
-            mean_loss_burst=_ratio(lost, loss_bursts),
+            **counts,
+            lost_share=_ratio(counts["lost"], counts["sent"]),
+            mean_loss_burst=_ratio(counts["lost"], counts["loss_bursts"]),
         )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from orchestrator.score.gather import Gathered, Ints
@@ -21,4 +23,8 @@ def _loss_bursts(gathered: Gathered) -> Ints:
 def traffic(gathered: Gathered) -> tuple[list[Traffic], Traffic]:
     """Return the packets of each link, and of all."""
     table = np.vstack([gathered.counts, _loss_bursts(gathered)])
-    return [Traffic.of(*column) for column in table.T.tolist()], Traffic.of(*table.sum(axis=1).tolist())
+    return [_named(column) for column in table.T.tolist()], _named(table.sum(axis=1).tolist())
+
+
+def _named(counts: Sequence[int]) -> Traffic:
+    return Traffic.of(**dict(zip(Traffic.COUNTS, counts, strict=True)))

@@ -175,8 +175,19 @@ def _packet_line(score: Score) -> str:
     if packets.lost_share:
         burst = f", {packets.mean_loss_burst:.2g} in a row" if packets.mean_loss_burst else ""
         lost += f" ({_percent(packets.lost_share)}{burst})"
+    more = "".join(
+        f"{count} {what}, "
+        for count, what in (
+            (packets.injected, "injected"),
+            (packets.duplicated, "duplicated"),
+            (packets.refused, "refused"),
+            (packets.in_flight, "in flight at the end"),
+        )
+        if count
+    )
     return (
-        f"Packets: {packets.sent} sent, {lost}, {packets.attacked} attacked, {packets.delivered} delivered."
+        f"Packets: {packets.sent} sent, {lost}, {packets.attacked} attacked, "
+        f"{more}{packets.delivered} delivered."
     )
 
 

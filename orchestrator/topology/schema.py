@@ -129,7 +129,7 @@ class ProcessSettings(Section):
         default="processes", description="one process a node, or one for all"
     )
     window: Annotated[int, Ge(1), Le(10_000)] = Field(
-        default=16, description="steps that the plant may lead the slowest node by"
+        default=32, description="steps that the plant may lead the slowest node by"
     )
     stall_s: Annotated[float, Gt(0.0)] = Field(default=30.0, description="deadline of every wait (s)")
 
