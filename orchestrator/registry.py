@@ -53,6 +53,7 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "innovation_kalman": "nodes.estimators.innovation_kalman:InnovationKalman",
                 "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
                 "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",
+                "hybrid_bernoulli": "nodes.estimators.hybrid_bernoulli:HybridBernoulli",
                 "external": "nodes.estimators.external:External",
             }
         ),
