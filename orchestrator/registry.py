@@ -38,6 +38,9 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
             {
                 "linear": "nodes.plants.linear:Linear",
                 "constant_acceleration": "nodes.plants.constant_acceleration:ConstantAcceleration",
+                "linear_benchmark": "nodes.plants.linear_benchmark:LinearBenchmark",
+                "swing_network": "nodes.plants.swing_network:SwingNetwork",
+                "ieee14": "nodes.plants.ieee14:Ieee14",
             }
         ),
         "sensors": MappingProxyType(
