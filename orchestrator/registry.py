@@ -31,6 +31,7 @@ Role = Literal[
 ROLES: tuple[Role, ...] = get_args(Role)
 
 _GENERATORS = "orchestrator.topology.graph_generators"
+_DATA_ASSOCIATION = "nodes.estimators.probabilistic_data_association"
 
 BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
     {
@@ -57,6 +58,9 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
                 "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",
                 "hybrid_bernoulli": "nodes.estimators.hybrid_bernoulli:HybridBernoulli",
+                "jise": "nodes.estimators.jise:Jise",
+                "imm": "nodes.estimators.imm:Imm",
+                "probabilistic_data_association": f"{_DATA_ASSOCIATION}:ProbabilisticDataAssociation",
                 "external": "nodes.estimators.external:External",
             }
         ),

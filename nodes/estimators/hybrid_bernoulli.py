@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -13,6 +11,7 @@ from annotated_types import Ge, Interval, MinLen
 from bus.packets import Packet, Vector
 from nodes.contract import Belief, Detection, Matrix, Setting
 from nodes.estimators.attack_model import AttackModel
+from nodes.estimators.attack_prior import AttackLaw, prior_mixture
 from nodes.estimators.commanded_input import CommandedInput
 from nodes.estimators.gaussian_mixture import Mixture, joined, moments
 from nodes.estimators.hybrid_density import (
@@ -30,16 +29,8 @@ from nodes.estimators.hybrid_density import (
     substitution,
 )
 from nodes.estimators.packet_sets import FakeBox, packet_sets
-from nodes.gaussian import Gaussian
 
 Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
-
-
-@dataclass(frozen=True)
-class AttackLaw(Gaussian):
-    """A component of the prior of an attack's signal: a Gaussian law, and its ``weight`` among the others."""
-
-    weight: float = 1.0
 
 
 class HybridBernoulli:
@@ -126,7 +117,7 @@ class HybridBernoulli:
         max_components: Annotated[int, Ge(1)] = 50,
         output: Literal["map", "mmse"] = "map",
     ) -> None:
-        self._prior = _prior_mixture(attack_prior, setting.name)
+        self._prior = prior_mixture(attack_prior, setting.name)
         q = self._prior.means.shape[1]
         self._model = AttackModel(setting, q, moments, feedthrough)
         self._log_fake = {
@@ -249,20 +240,3 @@ class HybridBernoulli:
             return moments(signal)
         heaviest = int(signal.log_weights.argmax())
         return signal.means[heaviest], signal.covariances[heaviest]
-
-
-def _prior_mixture(laws: Sequence[AttackLaw], name: str) -> Mixture:
-    """Return the prior of the signal; raises ValueError when its components do not fit one another."""
-    sizes = {len(law.mean or ()) for law in laws}
-    if len(sizes) != 1 or not min(sizes):
-        raise ValueError(f"{name}: every law of 'attack_prior' needs a 'mean', all of one length")
-    if not all(law.weight > 0.0 and math.isfinite(law.weight) for law in laws):
-        raise ValueError(f"{name}: the weights of 'attack_prior' must be positive")
-    q = sizes.pop()
-    weights = np.array([law.weight for law in laws])
-    covariances = np.array([law.covariance_matrix(q) for law in laws])
-    if np.linalg.eigvalsh(covariances).min() <= 0.0:
-        raise ValueError(f"{name}: a law of 'attack_prior' is singular; give every component a positive std")
-    return Mixture(
-        np.log(weights / weights.sum()), np.array([law.mean_vector(q) for law in laws]), covariances
-    )

@@ -110,7 +110,7 @@ def correct_density(
     safe, attacked = density
     found = (
         correct(safe, sensor.plain(safe.means, safe.covariances), sensor.noise, packets, unknown=False),
-        correct(attacked, _under_attack(attacked, sensor, n), sensor.noise, packets, unknown),
+        correct(attacked, sensor_under_attack(attacked, sensor, n), sensor.noise, packets, unknown),
     )
     weights = [_hypotheses(part, one, origin) for part, one in zip((safe, attacked), found, strict=True)]
     if max(log_sum(of_mode) for of_mode in weights) == -math.inf:
@@ -230,7 +230,7 @@ def _with_signal(states: Mixture, prior: Mixture) -> Mixture:
     return Mixture(log_weights, means, covariances, np.broadcast_to(np.eye(q), (size, q, q)))
 
 
-def _under_attack(attacked: Mixture, sensor: Map, n: int) -> Linearised:
+def sensor_under_attack(attacked: Mixture, sensor: Map, n: int) -> Linearised:
     """Return what a sensor measures of the components under attack, as a map of ``(x^-, a)``."""
     entry = attacked.entry
     if entry is None:

@@ -92,7 +92,7 @@ def correct(mixture: Mixture, model: Linearised, noise: Matrix, packets: Matrix,
     log_likelihoods = -0.5 * (nis + noise.shape[0] * _LOG_TWO_PI) - log_determinant[:, None]
     free = mixture.free
     if unknown and free is not None:
-        gain, free = _gain_for_unknown_signal(mixture, slope, R, free)
+        gain, free = unknown_signal(mixture.covariances, slope, R, free)[:2]
     else:
         gain = np.matmul(np.matmul(whitener, projected).swapaxes(1, 2), whitener)
         free = None if free is None else _left_free(free, slope)
@@ -107,16 +107,27 @@ def joseph(covariances: Stack, gain: Stack, slope: Stack, noise: NDArray[np.floa
     return symmetric(reduced + np.matmul(np.matmul(gain, noise), gain.swapaxes(1, 2)))
 
 
-def _gain_for_unknown_signal(
-    mixture: Mixture, slope: Stack, noise: NDArray[np.float64], free: Stack
-) -> tuple[Stack, Stack]:
-    """Return the gain (J, d, m) when the directions in ``free`` are unknown, and what stays of those."""
+class UnknownSignal(NamedTuple):
+    """How a measurement fixes an unknown signal: the ``gain`` (J, d, m), and what stays ``free`` (J, q, q).
+
+    ``whitening`` (J, m, m) is ``S^-1 (I - F M)``: of an innovation it takes what the signal cannot explain.
+    """
+
+    gain: Stack
+    free: Stack
+    whitening: Stack
+
+
+def unknown_signal(
+    covariances: Stack, slope: Stack, noise: NDArray[np.float64], free: Stack
+) -> UnknownSignal:
+    """Return how a measurement fixes a signal of which the directions in ``free`` are unknown."""
     q = free.shape[1]
     n = slope.shape[2] - q
-    keep = np.zeros_like(mixture.covariances)
+    keep = np.zeros_like(covariances)
     keep[:, :n, :n] = np.eye(n)
     keep[:, n:, n:] = np.eye(q) - free
-    known = np.matmul(np.matmul(keep, mixture.covariances), keep)
+    known = np.matmul(np.matmul(keep, covariances), keep)
     crossing = np.matmul(known, slope.swapaxes(1, 2))
     S = symmetric(np.matmul(slope, crossing) + noise)
     H = slope[:, :, n:]
@@ -125,10 +136,10 @@ def _gain_for_unknown_signal(
     M = np.matmul(inverse, solved.swapaxes(1, 2))
     F = np.matmul(H, free)
     fixed = np.matmul(M, F)
-    gain = np.linalg.solve(S, crossing.swapaxes(1, 2)).swapaxes(1, 2)
-    gain = gain - np.matmul(np.matmul(gain, F), M)
+    whitening = np.linalg.solve(S, np.eye(S.shape[1]) - np.matmul(F, M))
+    gain = np.matmul(crossing, whitening)
     gain[:, n:] += M
-    return gain, symmetric(free - fixed)
+    return UnknownSignal(gain, symmetric(free - fixed), whitening)
 
 
 def _left_free(free: Stack, slope: Stack) -> Stack:

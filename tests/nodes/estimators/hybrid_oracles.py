@@ -11,7 +11,8 @@ from scipy.stats import multivariate_normal
 
 from bus.packets import Packet
 from nodes.contract import Setting
-from nodes.estimators.hybrid_bernoulli import AttackLaw, HybridBernoulli
+from nodes.estimators.attack_prior import AttackLaw
+from nodes.estimators.hybrid_bernoulli import HybridBernoulli
 from nodes.estimators.packet_sets import FakeBox
 from nodes.gaussian import Gaussian
 from nodes.plants.linear import Linear as LinearPlant

@@ -6,8 +6,9 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nodes.estimators.attack_prior import AttackLaw
 from nodes.estimators.gaussian_mixture import moments
-from nodes.estimators.hybrid_bernoulli import AttackLaw, HybridBernoulli
+from nodes.estimators.hybrid_bernoulli import HybridBernoulli
 from nodes.estimators.packet_sets import FakeBox
 from nodes.gaussian import Gaussian
 from nodes.plants.linear import Linear as LinearPlant
