@@ -87,7 +87,7 @@ def test_the_examples_of_the_reference_are_in_order(tmp_path: Path) -> None:
         assert find_problems(path, [override])[0] == ()
     for section in sections:
         path.write_text(json.dumps({**read(whole), **read(section)}))
-        assert find_problems(path) == ((), ())
+        assert find_problems(path)[0] == ()
 
 
 def test_a_resolved_topology_fits_the_schema() -> None:
