@@ -58,7 +58,7 @@ class HybridBernoulli:
         Law ``p(a)`` of the signal, in its units, as one or several Gaussian components.
     fakes
         Where fakes are believed to lie: a box in the units of a measurement, over which their density is
-        constant. It counts outside the box too, so that no packet is impossible.
+        constant; outside too, unless it is ``hard``.
     attack_birth, attack_survival
         Probabilities ``p_b``, ``p_s`` that an attack begins, or lasts, from one step to the next.
     initial_attack_probability
@@ -120,10 +120,8 @@ class HybridBernoulli:
         self._prior = prior_mixture(attack_prior, setting.name)
         q = self._prior.means.shape[1]
         self._model = AttackModel(setting, q, moments, feedthrough)
-        self._log_fake = {
-            name: fakes.log_density(sensor.noise.shape[0]) for name, sensor in self._model.sensors.items()
-        }
         self._sizes = {name: sensor.noise.shape[0] for name, sensor in self._model.sensors.items()}
+        self._fakes = {name: fakes.law(size) for name, size in self._sizes.items()}
         self._input = CommandedInput(setting.plant)
         self._delivery, self._substitution = delivery, substitution
         self._by_arrival = correction == "by_arrival"
@@ -151,7 +149,7 @@ class HybridBernoulli:
                 density,
                 self._model.sensors[source],
                 values,
-                self._origin(source, len(members)),
+                self._origin(source, values),
                 n=self._model.n,
                 unknown=self._unknown,
                 reduction=self._reduction,
@@ -213,11 +211,12 @@ class HybridBernoulli:
             self._density, self._model, self._prior, switching, self._input.effect
         )
 
-    def _origin(self, source: str, count: int) -> Origin:
-        """Return what the packets of a sensor may be."""
-        if self._by_arrival and count == 1:
-            return substitution(self._substitution, self._log_fake[source])
-        return injection(self._delivery, count, self._log_fake[source])
+    def _origin(self, source: str, values: Matrix) -> Origin:
+        """Return what the packets (Z, m) of a sensor may be."""
+        log_densities = self._fakes[source].log_densities(values)
+        if self._by_arrival and len(values) == 1:
+            return substitution(self._substitution, log_densities)
+        return injection(self._delivery, log_densities)
 
     def _state(self, r: float) -> tuple[Vector, Matrix]:
         """Return the estimate (n,) of the state and its covariance (n, n)."""

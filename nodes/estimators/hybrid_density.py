@@ -61,12 +61,12 @@ class Switching(NamedTuple):
 class Origin(NamedTuple):
     """The logarithms of what the packets of one sensor in one step say of their origin.
 
-    ``none`` belongs to the hypothesis that none is genuine, ``genuine`` to that one of them is, of which the
-    likelihood is a factor besides.
+    ``none`` belongs to the hypothesis that none is genuine, ``genuine`` (Z,) to that this one is, of which
+    its likelihood is a factor besides.
     """
 
     none: float
-    genuine: float
+    genuine: Vector
 
 
 class Seen(NamedTuple):
@@ -86,14 +86,22 @@ class Seen(NamedTuple):
         return self.nis_dof > 0
 
 
-def substitution(probability: float, log_density: float) -> Origin:
+def substitution(probability: float, log_densities: Vector) -> Origin:
     """Return the origin of a lone packet that may have replaced the genuine one (Proposition 1)."""
-    return Origin(_log(probability) + log_density, _log(1.0 - probability))
+    return Origin(_log(probability) + float(log_densities[0]), np.array([_log(1.0 - probability)]))
 
 
-def injection(delivery: float, count: int, log_density: float) -> Origin:
-    """Return the origin of packets of which one at most is genuine (Proposition 2)."""
-    return Origin(_log(1.0 - delivery), _log(delivery) - math.log(count) - log_density)
+def injection(delivery: float, log_densities: Vector) -> Origin:
+    """Return the origin of packets of which one at most is genuine (Proposition 2).
+
+    ``log_densities`` (Z,) are those of fakes. One that cannot be a fake is genuine; two such are impossible.
+    """
+    level = _log(delivery) - math.log(len(log_densities))
+    surely_genuine = log_densities == -math.inf
+    count = int(np.count_nonzero(surely_genuine))
+    if not count:
+        return Origin(_log(1.0 - delivery), level - log_densities)
+    return Origin(-math.inf, np.where(surely_genuine & (count == 1), level, -math.inf))
 
 
 def correct_density(

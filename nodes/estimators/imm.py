@@ -30,7 +30,7 @@ from nodes.estimators.packet_sets import packet_sets
 
 Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 _EVERYTHING = math.inf
-_GENUINE = Origin(-math.inf, 0.0)
+_GENUINE = Origin(-math.inf, np.zeros(1))
 _ONE_EACH = Reduction(0.0, _EVERYTHING, 1)
 
 

@@ -7,18 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bus.packets import Packet
+from bus.packets import Packet, Vector
+from nodes.contract import Matrix
 
 
 @dataclass(frozen=True)
 class FakeBox:
-    """Fakes are believed uniform between ``low`` and ``high``: one number, or one for each output."""
+    """Fakes are believed uniform between ``low`` and ``high``: one number, or one for each output.
+
+    Where an adversary really puts them is for him to choose, so the density ``kappa`` counts outside the box
+    as well, and no packet is impossible. A ``hard`` box is believed in: what lies outside is genuine.
+    """
 
     low: float | list[float]
     high: float | list[float]
+    hard: bool = False
 
-    def log_density(self, outputs: int) -> float:
-        """Return ``log kappa`` for a measurement of ``outputs`` components; raises ValueError for no box."""
+    def law(self, outputs: int) -> FakeLaw:
+        """Return the law of fakes of ``outputs`` components; raises ValueError for no box."""
         low, high = np.asarray(self.low, dtype=np.float64), np.asarray(self.high, dtype=np.float64)
         for bound in (low, high):
             if bound.ndim and bound.size != outputs:
@@ -29,7 +35,24 @@ class FakeBox:
         widths = np.broadcast_to(high - low, (outputs,))
         if not np.all((widths > 0.0) & np.isfinite(widths)):
             raise ValueError("the box of 'fakes' is empty; give 'low' below 'high'")
-        return -float(np.log(widths).sum())
+        return FakeLaw(low, high, -float(np.log(widths).sum()), self.hard)
+
+
+@dataclass(frozen=True)
+class FakeLaw:
+    """The density of the fakes of one sensor: ``log_level`` in the box, and outside unless it is ``hard``."""
+
+    low: Vector
+    high: Vector
+    log_level: float
+    hard: bool
+
+    def log_densities(self, values: Matrix) -> Vector:
+        """Return ``log kappa`` (Z,) of packets (Z, m)."""
+        levels = np.full(len(values), self.log_level)
+        if self.hard:
+            levels[~((values >= self.low) & (values <= self.high)).all(axis=1)] = -np.inf
+        return levels
 
 
 def packet_sets(step: int, packets: Sequence[Packet], sizes: Mapping[str, int]) -> dict[str, list[Packet]]:

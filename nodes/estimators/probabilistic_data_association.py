@@ -53,7 +53,7 @@ class ProbabilisticDataAssociation:
         self._dynamics = Dynamics(setting)
         self._models = SensorBank(setting).models
         self._sizes = {name: len(model.C) for name, model in self._models.items()}
-        self._log_fake = {name: fakes.log_density(size) for name, size in self._sizes.items()}
+        self._fakes = {name: fakes.law(size) for name, size in self._sizes.items()}
         self._delivery = delivery
         self._input = CommandedInput(setting.plant)
         self._state = setting.plant.initial_mean
@@ -98,7 +98,7 @@ class ProbabilisticDataAssociation:
         prior = Mixture(np.zeros(1), self._state[None], self._covariance[None])
         values = np.array([packet.values for packet in members])
         found = correct(prior, Linearised(C.dot(self._state)[None], C[None]), R, values, unknown=False)
-        origin = injection(self._delivery, len(members), self._log_fake[source])
+        origin = injection(self._delivery, self._fakes[source].log_densities(values))
         log_weights = np.append(origin.none, origin.genuine + found.log_likelihoods[0])
         total = log_sum(log_weights)
         if total == -np.inf:

@@ -130,7 +130,7 @@ def enumerate_hypotheses(
 
 def _origin(estimator: dict[str, object], values: list[np.ndarray], which: int) -> float:
     """Return the factor of "this packet is genuine", up to what all stories share."""
-    kappa = np.exp(BOX.log_density(values[0].size))
+    kappa = np.exp(BOX.law(values[0].size).log_level)
     if len(values) == 1 and estimator.get("correction") != "injection":
         pf = estimator["substitution"]
         return pf * kappa if which < 0 else 1.0 - pf

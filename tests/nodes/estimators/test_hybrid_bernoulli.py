@@ -410,3 +410,16 @@ def test_models_that_are_not_linear_need_other_moments(not_linear):
         HybridBernoulli(replace(setting, plant=not_linear.plant), **parameters)
     with pytest.raises(ValueError, match=r"sensor s9 .* has no model that this method knows"):
         HybridBernoulli(replace(setting, sensors={"s9": not_linear.sensor}), **parameters)
+
+
+def test_beside_a_hard_box_a_packet_outside_it_is_genuine_and_two_such_are_impossible():
+    inside, outside = [0.5, -1.0], [4.0, 4.0]
+    for correction in ("by_arrival", "injection"):
+        parameters = {"fakes": FakeBox(-2.0, 2.0, hard=True), "correction": correction, "output": "mmse"}
+        filter_ = attackable().filter("s1", **parameters)
+        filter_.correct(0, [packet(0, "s1", outside)])
+        assert [one.statistic for one in filter_.estimate(0).detections] == [0.0]
+        filter_.correct(1, [packet(1, "s1", inside), packet(1, "s1", outside)])
+        assert [one.statistic for one in filter_.estimate(1).detections] == [1.0, 0.0]
+        filter_.correct(2, [packet(2, "s1", outside), packet(2, "s1", [5.0, 5.0])])
+        assert [one.statistic for one in filter_.estimate(2).detections] == [1.0, 1.0]
