@@ -292,6 +292,26 @@ def test_twenty_fakes_and_gross_outliers_neither_underflow_nor_stop_it():
         assert belief.detections[-1].alarm
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("update", ["bayes", "jise"])
+@pytest.mark.parametrize("feedthrough", [True, False])
+def test_over_ten_thousand_steps_no_covariance_loses_symmetry_or_definiteness(update, feedthrough):
+    """The prior of the signal is so wide that the unstable form ``P - K S K'`` would lose all digits."""
+    world, rng = attackable(), np.random.default_rng(9)
+    world = replace(world, prior=[AttackLaw(mean=[0.0], std=1e5)])
+    filter_ = world.filter(
+        "s1", update=update, feedthrough=feedthrough, pruning=1e-3, merging=3.0, correction="injection"
+    )
+    for step, (_, measured) in enumerate(trial(world, rng, 10_000, attacked=lambda k: k % 100 > 50)):
+        inbox = [measured["s1"]] * (rng.random() < 0.8) + [*rng.uniform(-20.0, 20.0, (rng.poisson(2.0), 2))]
+        filter_.correct(step, [packet(step, "s1", values) for values in inbox])
+        for mixture in filter_._density:
+            swapped = mixture.covariances.swapaxes(1, 2)
+            assert np.array_equal(mixture.covariances, swapped)
+            assert np.linalg.eigvalsh(mixture.covariances).min(initial=1.0) > 0.0
+
+
 def test_a_packet_that_no_hypothesis_allows_is_left_out():
     filter_ = attackable().filter("s1", substitution=0.0)
     filter_.correct(0, [packet(0, "s1", [1e200, -1e200])])
