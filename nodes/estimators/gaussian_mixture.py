@@ -24,7 +24,7 @@ class Mixture(NamedTuple):
     ``log_weights`` (J,), ``means`` (J, d), ``covariances`` (J, d, d). Where a state and an attack signal (q,)
     stand side by side, two more arrays belong to the components while a step lasts: ``free`` (J, q, q)
     projects on the directions of the signal that no measurement of the step has fixed, and ``entry`` (J, n,
-    q) is how the signal has entered the state.
+    q) is how the signal has entered the state. A mixture that lacks one of them has no use for it.
     """
 
     log_weights: Vector
@@ -49,7 +49,9 @@ class Mixture(NamedTuple):
 
 def log_sum(log_weights: NDArray[np.float64]) -> float:
     """Return ``log sum exp`` of any number of logarithms without overflow or underflow."""
-    largest = float(log_weights.max()) if log_weights.size else -math.inf
+    if log_weights.size < 2:
+        return float(log_weights.item()) if log_weights.size else -math.inf
+    largest = float(log_weights.max())
     if not math.isfinite(largest):
         return largest
     return largest + math.log(float(np.exp(log_weights - largest).sum()))

@@ -229,11 +229,13 @@ def _with_signal(states: Mixture, prior: Mixture) -> Mixture:
     n, q = states.means.shape[1], prior.means.shape[1]
     size = states.size * prior.size
     covariances = np.zeros((size, n + q, n + q))
-    covariances[:, :n, :n] = np.repeat(states.covariances, prior.size, axis=0)
-    covariances[:, n:, n:] = np.tile(prior.covariances, (states.size, 1, 1))
-    means = np.concatenate(
-        (np.repeat(states.means, prior.size, axis=0), np.tile(prior.means, (states.size, 1))), axis=1
-    )
+    pairs = covariances.reshape(states.size, prior.size, n + q, n + q)
+    pairs[:, :, :n, :n] = states.covariances[:, None]
+    pairs[:, :, n:, n:] = prior.covariances
+    means = np.empty((size, n + q))
+    of_pairs = means.reshape(states.size, prior.size, n + q)
+    of_pairs[:, :, :n] = states.means[:, None]
+    of_pairs[:, :, n:] = prior.means
     log_weights = (states.log_weights[:, None] + prior.log_weights).ravel()
     return Mixture(log_weights, means, covariances, np.broadcast_to(np.eye(q), (size, q, q)))
 
@@ -287,6 +289,6 @@ def _chosen(mixture: Mixture, found: Correction, weights: Matrix, reduction: Red
     choose = corrected[:, None, None]
     covariances = np.where(choose, found.covariances[component], mixture.covariances[component])
     free, entry = mixture.free, mixture.entry
-    if free is not None and found.free is not None:
-        free = np.where(choose, found.free[component], free[component])
+    if free is not None:
+        free = None if found.free is None else np.where(choose, found.free[component], free[component])
     return Mixture(log_weights, means, covariances, free, None if entry is None else entry[component])

@@ -51,7 +51,7 @@ class Correction(NamedTuple):
 
     ``innovations`` (J, Z, m), ``log_likelihoods`` (J, Z), ``nis`` (J, Z), the ``gain`` (J, d, m), and the
     ``covariances`` (J, d, d) after it, which no packet's content changes. ``free`` (J, q, q) is what stays
-    unknown of the signal.
+    unknown of the signal; None where its prior was used.
     """
 
     innovations: Stack
@@ -95,7 +95,7 @@ def correct(mixture: Mixture, model: Linearised, noise: Matrix, packets: Matrix,
         gain, free = unknown_signal(mixture.covariances, slope, R, free)[:2]
     else:
         gain = np.matmul(np.matmul(whitener, projected).swapaxes(1, 2), whitener)
-        free = None if free is None else _left_free(free, slope)
+        free = None
     covariances = joseph(mixture.covariances, gain, slope, R)
     return Correction(innovations, log_likelihoods, nis, gain, covariances, free)
 
@@ -140,14 +140,6 @@ def unknown_signal(
     gain = np.matmul(crossing, whitening)
     gain[:, n:] += M
     return UnknownSignal(gain, symmetric(free - fixed), whitening)
-
-
-def _left_free(free: Stack, slope: Stack) -> Stack:
-    """Return the projectors (J, q, q) on what a measurement leaves unfixed of the directions in ``free``."""
-    H = slope[:, :, -free.shape[1] :]
-    information = np.matmul(H.swapaxes(1, 2), H)
-    fixed = np.matmul(_inverse_on(free, information), np.matmul(information, free))
-    return symmetric(free - fixed)
 
 
 def _inverse_on(free: Stack, information: Stack) -> Stack:
