@@ -61,6 +61,20 @@ def excess(score: Score) -> Excess | None:
     return max(found, key=lambda each: each.ratio, default=None)
 
 
+def overconfidence(score: Score) -> Excess | None:
+    """Return the estimator whose errors most exceed what its covariance says, as a ratio of lengths.
+
+    It is the square root of the mean NEES by its degrees of freedom: about 1 for a consistent estimator. None
+    when no estimator gave a covariance.
+    """
+    found = [
+        Excess(node.name, "state", (node.nees.mean / node.nees.dof) ** 0.5)
+        for node in score.nodes
+        if node.nees.mean is not None and node.nees.dof
+    ]
+    return max(found, key=lambda each: each.ratio, default=None)
+
+
 def _usual_and_own(
     node: NodeScore, group: str, nodes: Sequence[NodeScore]
 ) -> tuple[float | None, float | None]:
@@ -126,6 +140,10 @@ def _fate(score: Score) -> str:
     if worst is not None and worst.ratio > TRACKING_RATIO:
         where = "" if worst.group == "state" else f" in {worst.group}"
         error = f"but {worst.node} erred {show(round(worst.ratio, 1))} times the usual{where}"
+        return f"no estimator diverged{_circumstance(score)}, {error}"
+    deluded = overconfidence(score)
+    if deluded is not None and deluded.ratio > TRACKING_RATIO:
+        error = f"but {deluded.node} erred {show(round(deluded.ratio, 1))} times what it believed"
         return f"no estimator diverged{_circumstance(score)}, {error}"
     return f"{_subject(score)} kept tracking{_circumstance(score)}"
 
