@@ -76,6 +76,19 @@ def test_an_attacked_estimator_far_off_the_usual_is_not_said_to_keep_tracking(ma
     )
 
 
+def test_an_estimator_far_off_what_it_believes_is_not_said_to_keep_tracking(make_plan, recorder):
+    """With every step under attack there is no usual error; its own covariance still says what it believes."""
+    for step in range(10):
+        recorder.truth(step, [0.0])
+        recorder.inbox("e1", step, [("s1", step)])
+        recorder.channel(step, events=[("s1->e1", "bias", step, "attacked")])
+        recorder.estimate("e1", step, [9.0], [9.0])
+    result = score(make_plan(10, {"e1": ["s1"]}), recorder.records, state_groups={})
+    assert headline(result).startswith(
+        "DONE: no estimator diverged through the attack on s1->e1, but e1 erred 3 times what it believed"
+    )
+
+
 @pytest.mark.parametrize("width", [80, 120])
 @pytest.mark.parametrize(
     "settings",
