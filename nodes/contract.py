@@ -59,6 +59,34 @@ class ControlledPlant(LinearPlant, Protocol):
     B: Matrix
 
 
+@runtime_checkable
+class NonlinearPlant(Plant, Protocol):
+    """A plant ``x+ = f(x) + w`` with zero-mean ``w`` of covariance ``Q``: what Kalman-type filters need."""
+
+    Q: Matrix
+
+    def transition(self, states: Matrix) -> Matrix:
+        """Return ``f`` (N, n) of each of N states (N, n)."""
+        ...
+
+    def jacobian(self, state: Vector) -> Matrix:
+        """Return the derivative (n, n) of ``f`` at a state (n,)."""
+        ...
+
+
+@runtime_checkable
+class SampledPlant(Plant, Protocol):
+    """A plant of any law that can be drawn from: what particle filters need."""
+
+    def sample_initial(self, number: int, rng: np.random.Generator) -> Matrix:
+        """Draw states (number, n) of step 0."""
+        ...
+
+    def sample(self, states: Matrix, rng: np.random.Generator) -> Matrix:
+        """Draw a successor (N, n) of each of N states (N, n), with as many draws whatever they are."""
+        ...
+
+
 class Sensor(Protocol):
     """A sensor's model. A kind is constructed as ``Kind(plant, **parameters)``."""
 
@@ -76,6 +104,37 @@ class LinearSensor(Sensor, Protocol):
 
     C: Matrix
     R: Matrix
+
+
+@runtime_checkable
+class NonlinearSensor(Sensor, Protocol):
+    """A sensor ``y = g(x) + v`` with zero-mean ``v`` of covariance ``R``: what Kalman-type filters need."""
+
+    R: Matrix
+
+    def measure(self, states: Matrix) -> Matrix:
+        """Return ``g`` (N, m) of each of N states (N, n)."""
+        ...
+
+    def jacobian(self, state: Vector) -> Matrix:
+        """Return the derivative (m, n) of ``g`` at a state (n,)."""
+        ...
+
+
+@runtime_checkable
+class LikelihoodSensor(Sensor, Protocol):
+    """A sensor of any law whose likelihood is known: what particle filters need."""
+
+    def measure(self, states: Matrix) -> Matrix:
+        """Return the measurement without noise (N, m) of each of N states (N, n)."""
+        ...
+
+    def log_likelihood(self, values: Vector, predicted: Matrix) -> Vector:
+        """Return the log density (N,) of a measurement (m,) around each of N others (N, m).
+
+        A constant may be left out.
+        """
+        ...
 
 
 @dataclass(frozen=True)

@@ -38,9 +38,16 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
             {
                 "linear": "nodes.plants.linear:Linear",
                 "constant_acceleration": "nodes.plants.constant_acceleration:ConstantAcceleration",
+                "quadruple_tank": "nodes.plants.quadruple_tank:QuadrupleTank",
             }
         ),
-        "sensors": MappingProxyType({"linear": "nodes.sensors.linear:Linear"}),
+        "sensors": MappingProxyType(
+            {
+                "linear": "nodes.sensors.linear:Linear",
+                "student_t": "nodes.sensors.student_t:StudentT",
+                "tank_outflow": "nodes.sensors.tank_outflow:TankOutflow",
+            }
+        ),
         "estimators": MappingProxyType(
             {
                 "kalman": "nodes.estimators.kalman:Kalman",
