@@ -52,6 +52,8 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
             {
                 "kalman": "nodes.estimators.kalman:Kalman",
                 "kalman_centralized": "nodes.estimators.kalman_centralized:KalmanCentralized",
+                "extended_kalman": "nodes.estimators.extended_kalman:ExtendedKalman",
+                "unscented_kalman": "nodes.estimators.unscented_kalman:UnscentedKalman",
                 "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
                 "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",
                 "external": "nodes.estimators.external:External",
