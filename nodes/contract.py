@@ -15,6 +15,12 @@ import numpy as np
 
 from bus.packets import Packet, Vector
 
+ORACLE = "oracle"
+"""The kind of a packet that holds what an adversary adds to a sensor's measurement (m,), whenever it does.
+
+``source`` is the sensor. Only an estimator that was granted the privilege receives such packets.
+"""
+
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
@@ -150,6 +156,8 @@ class Setting:
     """The estimators that send to it, with the graph's weight ``h_ij`` of each."""
     rng: np.random.Generator
     """Its own random stream."""
+    told_attacks: bool = False
+    """Whether the topology grants it the truth about the attacks on its measurements, as `ORACLE` packets."""
 
 
 class Detection(msgspec.Struct, frozen=True):

@@ -60,8 +60,8 @@ class Additive(ABC):
 
     def sample_initial(self, number: int, rng: np.random.Generator) -> Matrix:
         """Draw states (number, n) of step 0."""
-        draws = rng.standard_normal((number, len(self.initial_mean)))
-        states: Matrix = self.initial_mean + draws.dot(self._initial_factor.T)
+        draws = rng.standard_normal((len(self.initial_mean), number))
+        states: Matrix = (self._initial_factor.dot(draws) + self.initial_mean[:, None]).T
         return states
 
     def sample(self, states: Matrix, rng: np.random.Generator) -> Matrix:
