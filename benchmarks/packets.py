@@ -25,11 +25,13 @@ NODES = 20
 _STEPS = 1000
 _PAYLOADS = {keys.MEASUREMENT: 1, keys.EXCHANGE: 12}
 _STAGES = """{"*->*": [
-  {saturate: {low: -8, high: 8}},
+  %s,
   {gilbert_elliott: {failure: 0.01, recovery: 0.5}},
   {delay: {delay: 0.4, jitter: 0.3, distribution: normal, correlation: 0.5}},
   {duplicate: {probability: 0.005}},
   {corrupt: {probability: 0.005}}]}"""
+_SATURATE = "{saturate: {low: -8, high: 8}}"
+_QUANTISE = "{quantise: {step: 0.001}}"
 
 
 class _EncodingPort:
@@ -46,16 +48,23 @@ class _EncodingPort:
 def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
     """Time both in turn, in this process, by its processor time."""
     steps = effort.steps(_STEPS)
+    channels = {"perfect": "{}", "five": _STAGES % _SATURATE, "rounded": _STAGES % _QUANTISE}
     with tempfile.TemporaryDirectory() as folder:
-        perfect = load_text(Path(folder), network(NODES, steps, ring(NODES)))
-        staged = load_text(Path(folder), network(NODES, steps, ring(NODES), channel=_STAGES))
-    with_stages, without = [], []
+        plans = {
+            name: load_text(Path(folder), network(NODES, steps, ring(NODES), channel=channel))
+            for name, channel in channels.items()
+        }
+    samples: dict[str, list[float]] = {name: [] for name in plans}
     for repetition in range(effort.repeats):
         effort.tell(f"channel, {repetition + 1} of {effort.repeats}")
-        with_stages.append(packets_per_s(staged))
-        without.append(packets_per_s(perfect))
+        for name, plan in plans.items():
+            samples[name].append(packets_per_s(plan))
     what = "channel process's work, five stages a link"
-    return [Comparison("h", what, "packets/s", with_stages, "perfect links", without, at_least(0.7))]
+    perfect = ("perfect links", samples["perfect"])
+    return [
+        Comparison("h", what, "packets/s", samples["five"], *perfect, at_least(0.7)),
+        Comparison("h", f"{what}, every packet changed", "packets/s", samples["rounded"], *perfect),
+    ]
 
 
 def packets_per_s(plan: Plan) -> float:

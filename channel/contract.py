@@ -148,7 +148,14 @@ class Placement:
         return len(set(self.streams.values())) < len(self.streams)
 
     def forged(self, packet: Packet, values: Vector, **header: Any) -> Packet:
-        """Return a false packet made from another, sealed as the adversary can."""
+        """Return a false packet made from another, sealed as the adversary can.
+
+        Raises FloatingPointError for values that are not finite: no message carries them.
+        """
+        if not np.isfinite(values).all():
+            raise FloatingPointError(
+                f"{self.label} made a value that is not finite, {values.tolist()}; give it smaller parameters"
+            )
         false = replace(packet, values=values, **header)
         if self.forger is None:
             return false

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bus.packets import Vector
 
-_BLOCK = 256
+_BLOCK, _MOST = 256, 4096
 _SLOT_WORD, _BRANCH_WORD = 2, 3  # of the counter's four 64-bit words; blocks drawn in sequence reach neither
 
 Law = Callable[[np.random.Generator, int], NDArray[Any]]
@@ -23,10 +23,11 @@ T = TypeVar("T")
 
 
 class SteppedFates(Generic[T]):
-    """One value of a law for every step (or slot) of a stream, made ahead in blocks.
+    """One value of a law for every step (or slot) of a stream, made ahead in blocks that grow.
 
-    Links that share a stream may ask for steps in any order and meet the same values. A law that keeps a
-    state from block to block must be a stream's own.
+    What a law draws must not depend on the sizes of its blocks, which are multiples of 256; one that keeps a
+    state from block to block must be a stream's own. Links that share a stream may ask for steps in any order
+    and meet the same values.
     """
 
     def __init__(self, generator: np.random.Generator, law: Law) -> None:
@@ -52,7 +53,8 @@ class SteppedFates(Generic[T]):
 
     def _make(self, step: int) -> None:
         while step >= len(self._made):
-            block = self._law(self._generator, _BLOCK)
+            size = min(max(_BLOCK, len(self._made)), _MOST)
+            block = self._law(self._generator, size)
             self._happens += (np.flatnonzero(block) + len(self._made)).tolist()
             self._made += block.tolist()
 

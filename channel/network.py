@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from bus.integrity import Forger, Gate
@@ -52,9 +51,23 @@ def build_stage(plan: Plan, stage: StagePlan) -> Stage:
 
 
 class _Placed:
-    """A lane with its timing; ``quiet`` is the first step in which it must be called again."""
+    """A lane with its timing; ``quiet`` is the first step in which it must be called again.
 
-    __slots__ = ("act", "first", "is_active", "keeps", "lane", "last", "looks_ahead", "quiet", "rest")
+    A ``plain`` one has no timing and keeps nothing: all there is to do is to let it act in every slot.
+    """
+
+    __slots__ = (
+        "act",
+        "first",
+        "is_active",
+        "keeps",
+        "lane",
+        "last",
+        "looks_ahead",
+        "plain",
+        "quiet",
+        "rest",
+    )
 
     def __init__(self, timing: Timing, lane: Lane, last_step: int) -> None:
         self.first, self.last = timing.first, timing.last
@@ -66,6 +79,7 @@ class _Placed:
         knows = type(lane).quiet_until is not Lane.quiet_until
         has_window = timing.first > 0 or timing.last < last_step
         self.looks_ahead = knows or (has_window and not self.keeps)
+        self.plain = not (self.looks_ahead or self.keeps or has_window or timing.schedule)
         self.quiet = 0
 
     def ahead(self, step: int) -> int:
@@ -78,14 +92,31 @@ class _Placed:
 
 
 class _Link:
-    """One link's stages, each with its timing, and who receives what is left."""
+    """One link's stages, each with its timing, and who receives what is left.
 
-    __slots__ = ("destination", "keepers", "name", "number", "place", "placed", "quiet", "source")
+    ``receiver`` is the number of its receiver, ``place`` that of its slot in the receiver's inbox.
+
+    Before the step ``quiet`` only the ``plain`` ones among the stages need be called.
+    """
+
+    __slots__ = (
+        "destination",
+        "keepers",
+        "name",
+        "number",
+        "place",
+        "placed",
+        "plain",
+        "quiet",
+        "receiver",
+        "source",
+    )
 
     def __init__(
         self,
         number: int,
         plan: LinkPlan,
+        receiver: int,
         place: int,
         stages: Mapping[str, tuple[Timing, Stage]],
         last_step: int,
@@ -94,11 +125,13 @@ class _Link:
         self.name = plan.name
         self.source = plan.source
         self.destination = plan.destination
+        self.receiver = receiver
         self.place = place
         lanes = [(timing, stage.lane(plan.name)) for timing, stage in map(stages.__getitem__, plan.stages)]
         self.placed = [_Placed(timing, lane, last_step) for timing, lane in lanes if not _is_idle(lane)]
         self.keepers = [placed.lane for placed in self.placed if placed.keeps]
-        self.quiet = 0 if self.placed else NEVER
+        self.plain = [placed.act for placed in self.placed if placed.plain]
+        self.quiet = 0 if len(self.plain) < len(self.placed) else NEVER
 
     def carry(
         self, slot: Slot, packets: Sequence[Packet], ledger: Ledger, next_step: int
@@ -115,7 +148,7 @@ class _Link:
                     packets = placed.rest(slot, packets, ledger)
                 if placed.looks_ahead:
                     placed.quiet = placed.ahead(next_step)
-            if placed.quiet < quiet:
+            if placed.quiet < quiet and not placed.plain:
                 quiet = placed.quiet
         self.quiet = quiet
         return packets
@@ -126,13 +159,25 @@ def _is_idle(lane: Lane) -> bool:
     return type(lane).act is Lane.act and type(lane).rest is Lane.rest
 
 
-class _Account:
-    """What happened in one phase and round of one step, filled link by link."""
+class _Inbox:
+    """The slots of one receiver in one round of a step, in the order of their sources' names."""
 
-    __slots__ = ("delivered", "in_flight", "ledger", "left", "refused", "sent")
+    __slots__ = ("has_impostors", "left", "slots")
 
     def __init__(self, links: int) -> None:
         self.left = links
+        self.slots: list[Sequence[Packet]] = [()] * links
+        self.has_impostors = False
+
+
+class _Account:
+    """What happened in one phase and round of one step, filled link by link."""
+
+    __slots__ = ("delivered", "in_flight", "inboxes", "ledger", "left", "refused", "sent")
+
+    def __init__(self, links: int, in_degrees: Sequence[int]) -> None:
+        self.left = links
+        self.inboxes = [_Inbox(degree) for degree in in_degrees]
         self.sent = [0] * links
         self.delivered = [0] * links
         self.refused: dict[int, int] = {}
@@ -147,17 +192,6 @@ class _Account:
         for number, count in counts.items():
             whole[number] = count
         return whole
-
-
-class _Inbox:
-    """The slots of one receiver in one round of a step, in the order of their sources' names."""
-
-    __slots__ = ("has_impostors", "left", "slots")
-
-    def __init__(self, links: int) -> None:
-        self.left = links
-        self.slots: list[Sequence[Packet]] = [()] * links
-        self.has_impostors = False
 
 
 class PhaseNetwork:
@@ -179,18 +213,20 @@ class PhaseNetwork:
             for round_ in range(max((self._rounds.get(link.source, 1) for link in links), default=0))
         ]
         self._numbers = {link.name: number for number, link in enumerate(links)}
-        self._in_degree = Counter(link.destination for link in links)
         self._from: dict[str, list[_Link]] = {}
         sources: dict[str, list[str]] = {}
         for link in sorted(links, key=lambda link: link.source):
             sources.setdefault(link.destination, []).append(link.source)
+        receivers = {name: number for number, name in enumerate(sources)}
         for number, link in enumerate(links):
             place = sources[link.destination].index(link.source)
-            self._from.setdefault(link.source, []).append(_Link(number, link, place, stages, plan.steps - 1))
+            one = _Link(number, link, receivers[link.destination], place, stages, plan.steps - 1)
+            self._from.setdefault(link.source, []).append(one)
+        self._in_degrees = [len(names) for names in sources.values()]
         self._gates = {receiver: Gate(plan, names) for receiver, names in sources.items()}
         self._admitted: dict[str, tuple[Packet, bool]] = {}
+        """A sender's last packet that was checked, and the verdict: it is the same for all who hear it."""
         self._orders: dict[str, SteppedDraws] = {}
-        self._inboxes: dict[tuple[str, int, int], _Inbox] = {}
         self._accounts: dict[tuple[int, int], _Account] = {}
         self._watchers: dict[str, list[Timing]] = {}
         for timing, _ in stages.values():
@@ -222,12 +258,12 @@ class PhaseNetwork:
         """
         account = self._accounts.get((step, round_))
         if account is None:
-            account = self._accounts[step, round_] = _Account(len(self._names[round_]))
+            account = self._accounts[step, round_] = _Account(len(self._names[round_]), self._in_degrees)
         ledger = account.ledger
         rounds = self._rounds.get(source, 1)
         slot = Slot(step, round_, step * rounds + round_)
         next_step = step + 1 if round_ + 1 == rounds else step
-        sent, delivered, inboxes = account.sent, account.delivered, self._inboxes
+        sent, delivered, inboxes = account.sent, account.delivered, account.inboxes
         complete = []
         for link in self._from[source]:
             arrived = packets
@@ -236,11 +272,10 @@ class PhaseNetwork:
                 held = sum([keeper.held for keeper in link.keepers])
                 if held:
                     account.in_flight[link.number] = held
-            destination = link.destination
-            key = (destination, step, round_)
-            inbox = inboxes.get(key)
-            if inbox is None:
-                inbox = inboxes[key] = _Inbox(self._in_degree[destination])
+            else:
+                for act in link.plain:
+                    arrived = act(slot, arrived, ledger)
+            inbox = inboxes[link.receiver]
             number = link.number
             sent[number] = len(packets)
             delivered[number] = len(arrived)
@@ -249,8 +284,7 @@ class PhaseNetwork:
             inbox.slots[link.place] = arrived
             inbox.left -= 1
             if not inbox.left:
-                del inboxes[key]
-                complete.append((destination, self._packets(destination, slot, inbox)))
+                complete.append((link.destination, self._packets(link.destination, slot, inbox)))
         account.left -= len(self._from[source])
         return complete
 
@@ -258,23 +292,21 @@ class PhaseNetwork:
         self, link: _Link, slot: Slot, arrived: Sequence[Packet], account: _Account, inbox: _Inbox
     ) -> Sequence[Packet]:
         """Account for what the stages of a link made of a slot; return its packets in a drawn order."""
-        refused = sum([not self._admits(link, packet) for packet in arrived])
+        refused = 0
+        for packet in arrived:
+            if packet.source != link.source:
+                inbox.has_impostors = True
+                refused += not self._gates[link.destination].admits(packet)
+                continue
+            last = self._admitted.get(packet.source)
+            if last is None or last[0] is not packet:
+                admitted = self._gates[link.destination].admits(packet)
+                last = self._admitted[packet.source] = (packet, admitted)
+            refused += not last[1]
         if refused:
             account.refused[link.number] = refused
             account.delivered[link.number] -= refused
-        if any(packet.source != link.source for packet in arrived):
-            inbox.has_impostors = True
         return self._shuffled(link.name, slot, arrived) if len(arrived) > 1 else arrived
-
-    def _admits(self, link: _Link, packet: Packet) -> bool:
-        """Tell whether a receiver will let a packet in; a sender's packet is the same for all who hear it."""
-        if packet.source != link.source:
-            return self._gates[link.destination].admits(packet)
-        last = self._admitted.get(packet.source)
-        if last is None or last[0] is not packet:
-            admitted = self._gates[link.destination].admits(packet)
-            last = self._admitted[packet.source] = (packet, admitted)
-        return last[1]
 
     def _shuffled(self, name: str, slot: Slot, packets: Sequence[Packet]) -> list[Packet]:
         """Return packets that met in a slot, sorted and then permuted by a draw of this name and slot."""

@@ -46,6 +46,7 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "linear": "nodes.sensors.linear:Linear",
                 "student_t": "nodes.sensors.student_t:StudentT",
                 "tank_outflow": "nodes.sensors.tank_outflow:TankOutflow",
+                "innovation": "nodes.sensors.innovation:Innovation",
             }
         ),
         "estimators": MappingProxyType(
@@ -57,6 +58,7 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "particle": "nodes.estimators.particle:Particle",
                 "particle_fdi": "nodes.estimators.particle_fdi:ParticleFdi",
                 "particle_unweighted": "nodes.estimators.particle_unweighted:ParticleUnweighted",
+                "innovation_kalman": "nodes.estimators.innovation_kalman:InnovationKalman",
                 "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
                 "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",
                 "external": "nodes.estimators.external:External",
@@ -104,9 +106,18 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "sybil": "channel.attacks.sybil:Sybil",
                 "babbling": "channel.attacks.babbling:Babbling",
                 "byzantine": "channel.attacks.byzantine:Byzantine",
+                "zero_dynamics": "channel.attacks.zero_dynamics:ZeroDynamics",
+                "covert": "channel.attacks.covert:Covert",
+                "optimal_linear": "channel.attacks.optimal_linear:OptimalLinear",
+                "worst_case_bias": "channel.attacks.worst_case_bias:WorstCaseBias",
             }
         ),
-        "controllers": MappingProxyType({}),
+        "controllers": MappingProxyType(
+            {
+                "state_feedback": "nodes.controllers.state_feedback:StateFeedback",
+                "lqr": "nodes.controllers.lqr:Lqr",
+            }
+        ),
         "signals": MappingProxyType({"signal": "nodes.signal_attack:Signal"}),
         "faults": MappingProxyType({"crash": "nodes.faults:Crash", "hang": "nodes.faults:Hang"}),
         "schedules": MappingProxyType(

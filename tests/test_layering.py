@@ -19,7 +19,14 @@ ONLY_IN = {
     "mcap": {"orchestrator/log"},
     "pydantic": {"orchestrator/topology", "orchestrator/registry.py"},
 }
-PURE = ["nodes/plants", "nodes/sensors", "nodes/estimators", "channel/impairments", "channel/attacks"]
+PURE = [
+    "nodes/plants",
+    "nodes/sensors",
+    "nodes/estimators",
+    "nodes/controllers",
+    "channel/impairments",
+    "channel/attacks",
+]
 SHELL_MODULES = {
     "os",
     "sys",

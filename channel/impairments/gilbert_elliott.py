@@ -23,6 +23,8 @@ Clock = Literal["step", "slot", "packet"]
 Initial = Literal["good", "bad", "stationary"]
 LossFrom = Literal["new_state", "old_state"]
 
+_TOGETHER = 256
+
 
 @dataclass(frozen=True)
 class GilbertElliottLaw:
@@ -74,17 +76,31 @@ class GilbertElliottChain(SteppedFates[bool]):
         self._bad = law.initial == "bad" if law.initial != "stationary" else first < law.stationary_bad
 
     def _walk(self, generator: np.random.Generator, size: int) -> NDArray[np.bool_]:
+        """Return the fates of the next ticks; the draws of each so many ticks stand together."""
         law = self._chain
-        moves, losses = generator.random((2, size)).tolist()
-        bad = self._bad
-        lost = []
-        for move, loss in zip(moves, losses, strict=True):
-            moved = move >= law.recovery if bad else move < law.failure
-            deciding = moved if law.loss_from == "new_state" else bad
-            lost.append(loss < (law.loss_bad if deciding else law.loss_good))
-            bad = moved
-        self._bad = bad
-        return np.array(lost)
+        draws = [generator.random((2, _TOGETHER)) for _ in range(size // _TOGETHER)]
+        moves, losses = np.concatenate(draws, axis=1)
+        moved = states_bad(moves < law.failure, moves >= law.recovery, self._bad)
+        deciding = moved if law.loss_from == "new_state" else np.append(self._bad, moved[:-1])
+        self._bad = bool(moved[-1])
+        lost: NDArray[np.bool_] = losses < np.where(deciding, law.loss_bad, law.loss_good)
+        return lost
+
+
+def states_bad(from_good: NDArray[np.bool_], from_bad: NDArray[np.bool_], bad: bool) -> NDArray[np.bool_]:
+    """Return whether a chain is bad after each tick, given whether it leads there from good, and from bad.
+
+    A tick that leads to one state from both forgets all before it; since the last such one, only the number
+    of ticks that exchange the states counts.
+    """
+    forgets = from_good == from_bad
+    last = np.maximum.accumulate(np.where(forgets, np.arange(forgets.size), -1))
+    exchanges = np.cumsum(from_good & ~from_bad)
+    known = last >= 0
+    begun = np.where(known, from_bad[last], bad)
+    is_odd = (exchanges - np.where(known, exchanges[last], 0)) % 2 == 1
+    state: NDArray[np.bool_] = begun ^ is_odd
+    return state
 
 
 class GilbertElliott:

@@ -58,7 +58,7 @@ class SensorBank:
     Raises
     ------
     ValueError
-        When a sensor is not linear, or its noise covariance is singular.
+        When a sensor is not linear, its noise covariance is singular, or it sends innovations.
     """
 
     def __init__(self, setting: Setting) -> None:
@@ -68,6 +68,11 @@ class SensorBank:
                 raise ValueError(
                     f"{setting.name}: sensor {name} ({type(sensor).__name__}) is not linear; "
                     "use a linear sensor, or a method for non-linear ones"
+                )
+            if getattr(sensor, "sends_innovations", False):
+                raise ValueError(
+                    f"{setting.name}: sensor {name} sends innovations, not measurements; "
+                    "use the method innovation_kalman for it"
                 )
             if dpotrf(sensor.R)[1] != 0:
                 raise ValueError(f"{setting.name}: sensor {name} has singular noise; give it a positive std")

@@ -238,9 +238,14 @@ def find_lockouts(plan: Plan, judgement: Judgement, length: int) -> list[Lockout
 
 
 def attacked_steps(plan: Plan, judgement: Judgement) -> Bools:
-    """Return (N, K): whether an attacked packet reached each estimator in each step."""
+    """Return (N, K): whether an attacked packet reached each estimator, or an attack the plant, in each step.
+
+    What moves the plant concerns all estimators: a falsified input, and a signal in all of its window.
+    """
     index = {estimator.name: i for i, estimator in enumerate(plan.estimators)}
     receiver = np.array([index.get(link.destination, len(index)) for link in plan.links], dtype=np.int64)
     marks = np.zeros((len(index) + 1, plan.steps), dtype=bool)
     marks[receiver[judgement.link[judgement.attacked]], judgement.step[judgement.attacked]] = True
-    return marks[:-1]
+    for signal in plan.signals:
+        marks[-1, signal.timing.first : signal.timing.last + 1] = True
+    return np.asarray(marks[:-1] | marks[-1])

@@ -91,7 +91,8 @@ class NodeScore(Result, frozen=True, kw_only=True):
 
     ``steps_scored`` counts published estimates, and ``complete`` says that none is missing. ``silent_from``
     is the step from which on the topology lets the node be silent (a crash or a hang), None when it does not.
-    ``attacked_steps`` counts steps in which an attacked packet reached it. ``nees_undefined`` counts
+    ``attacked_steps`` counts steps in which an attacked packet reached it, or an attack the
+    plant. ``nees_undefined`` counts
     estimates, from `from_step` on and before any divergence, whose covariance is absent or not positive
     definite. ``error`` holds the error norms by group and step (only with `ScoreOptions.node_series`).
     """

@@ -85,6 +85,8 @@ def _subject(score: Score) -> str:
 
 def _circumstance(score: Score) -> str:
     links = list(dict.fromkeys(window.link for window in score.windows))
+    if not links and any(node.attacked_steps for node in score.nodes):
+        return " through the attack on the plant"
     if links:
         return f" through the attack on {_listed(links, 'link')}"
     if score.traffic.lost_share:

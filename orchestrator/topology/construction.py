@@ -114,8 +114,13 @@ class EstimatorBuilder:
         return rounds
 
 
-def build_controllers(draft: Draft, kinds: Mapping[str, CheckedKind], plant: Plant) -> None:
-    """Note what the classes of the controllers refuse, and a plant that takes no input."""
+def build_controllers(
+    draft: Draft, kinds: Mapping[str, CheckedKind], estimators: Mapping[str, CheckedKind], plant: Plant
+) -> None:
+    """Note what the classes of the controllers refuse, and a plant that takes no input.
+
+    An estimator that is not to be told of the input is warned of: its prediction leaves the input out.
+    """
     if kinds and not (isinstance(plant, ControlledPlant) and plant.B.shape[1]):
         draft.complain(("plant",), "the plant has no input for the controllers", "give it 'B'")
         return
@@ -124,6 +129,11 @@ def build_controllers(draft: Draft, kinds: Mapping[str, CheckedKind], plant: Pla
         setting = ControllerSetting(name, plant, rng)
         build = functools.partial(checked.found.type, setting, **checked.parameters)
         _tried(draft, ("controllers", name), f"controller {checked.found.short_name}", build)
+        heard = draft.sections["controllers"][name].estimator
+        if heard in estimators and not hasattr(estimators[heard].found.type, "control"):
+            message = f"{heard} does not take the input of {name} into account"
+            cure = "use a method that does, such as kalman, or give yours 'control(step, packets)'"
+            draft.warn(("estimators", heard, "method"), message, cure)
 
 
 def check_signals(draft: Draft, attacks: Sequence[DeclaredStage], plant: Plant) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from bus.kinds import KindError
 from orchestrator.registry import BUILT_IN, Role, find_kind, registered
 from orchestrator.topology.parameters import parameters_model
-from orchestrator.topology.schema import AttackSection, EstimatorSection, TopologyFile
+from orchestrator.topology.schema import AttackSection, ControllerSection, EstimatorSection, TopologyFile
 from orchestrator.topology.stages import STAGE_OPTIONS
 
 _USERS_OWN = ":"
@@ -28,9 +28,11 @@ def schema(*, installed: bool = True) -> _Schema:
     definitions["SensorSection"] = makers.node("sensors", "model", {})
     listening = EstimatorSection.model_json_schema()["properties"]["sensors"]
     definitions["EstimatorSection"] = makers.node("estimators", "method", {"sensors": listening})
+    acting = ControllerSection.model_json_schema()["properties"]["estimator"]
+    definitions["ControllerSection"] = makers.node("controllers", "law", {"estimator": acting})
     definitions["GraphSection"] = makers.members("graphs", definitions["GraphSection"], {})
     definitions["AttackSection"] = makers.members(
-        "attacks", definitions["AttackSection"], {}, also=("impairments",)
+        "attacks", definitions["AttackSection"], {}, also=("impairments", "signals", "faults")
     )
     options = {key: AttackSection.model_json_schema()["properties"][key] for key in STAGE_OPTIONS}
     definitions["Stage"] = makers.members("impairments", {"type": "object", "properties": {}}, options)

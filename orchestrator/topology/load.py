@@ -140,7 +140,7 @@ def _wired(
     draft.problems.stop_if_any()
     builder = EstimatorBuilder(draft, kinds.estimators, plant, sensors, listens)
     wiring = wire(draft, graph, kinds.estimators, builder)
-    build_controllers(draft, kinds.controllers, plant)
+    build_controllers(draft, kinds.controllers, kinds.estimators, plant)
     check_signals(draft, kinds.attacks, plant)
     _refuse_idle(draft, listens, wiring.neighbours)
     warn_of_unheard(draft, listens)

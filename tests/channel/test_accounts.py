@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,13 @@ from msgspec.structs import replace
 
 from bus import keys
 from bus.integrity import seal_of
+from bus.kinds import load_class
 from bus.messages import ChannelEvents, encode
 from bus.packets import Packet, inbox
 from bus.plan import EstimatorPlan, Kind, LinkPlan, Plan, PlantPlan, StagePlan, TimingPlan
 from channel.network import build_network
-from orchestrator.registry import BUILT_IN
+from orchestrator.registry import BUILT_IN, Role, find_kind
+from orchestrator.topology.parameters import fill, parameters_model, values
 
 NAMES = ("a", "b", "c", "d")
 STEPS = 6
@@ -30,6 +33,15 @@ PAYLOAD = 2
 
 chance = st.sampled_from([0.0, 0.3, 1.0])
 some = st.sampled_from([0.0, 0.7])
+count = st.sampled_from([0, 2, {"poisson": 1.5}])
+false_values = st.sampled_from(
+    [
+        {"box": {"low": [5.0, 5.0], "high": 6.0}},
+        {"normal": {"std": 1.0}},
+        {"near": {"spread": 1.0}},
+        {"copied": {}},
+    ]
+)
 
 KINDS: Mapping[str, st.SearchStrategy[dict[str, Any]]] = {
     "perfect": st.just({}),
@@ -61,17 +73,37 @@ KINDS: Mapping[str, st.SearchStrategy[dict[str, Any]]] = {
     "quantise": st.fixed_dictionaries({"step": st.sampled_from([0.1, 5.0])}),
     "saturate": st.fixed_dictionaries({"low": st.just(-0.5)}, optional={"high": st.just(0.5)}),
     "bias": st.fixed_dictionaries({"value": st.sampled_from([1.0, -3.0])}),
+    "drift": st.just({"rate": 1.0}),
+    "converging_bias": st.just({"target": 1.0}),
+    "scaling": st.just({"low": 0.5, "high": 0.6}),
+    "noise": st.just({"std": 1.0}),
+    "constant": st.just({"value": -3.0, "components": [1]}),
+    "hold": st.just({}),
+    "stale": st.fixed_dictionaries({"age": st.integers(1, 3)}),
+    "series": st.fixed_dictionaries({"values": st.just([[1.0]])}, optional={"replace": st.booleans()}),
+    "flip": st.fixed_dictionaries({"probability": chance}),
+    "substitution": st.fixed_dictionaries({"probability": chance, "values": false_values}),
+    "injection": st.fixed_dictionaries({"count": count, "values": false_values}),
+    "replay": st.fixed_dictionaries({"capture": st.just([0, 0])}, optional={"rewrite": st.booleans()}),
+    "sybil": st.fixed_dictionaries({"identity": st.just("ghost"), "count": count, "values": false_values}),
+    "babbling": st.fixed_dictionaries({"count": count}, optional={"spread": some}),
+    "byzantine": st.just({"spread": 1.0}),
 }
-"""The parameters of each kind, for payloads of two values."""
+"""The parameters of each kind as a topology states them, for payloads of two values."""
 
-NOT_SHARED = {"rate"}
+NOT_SHARED = {"rate", "byzantine"}
 """Kinds that refuse links of one stream."""
+
+BEGIN_LATER = {"replay"}
+"""Kinds that cannot act from step 0 on."""
 
 REFERENCES = {**BUILT_IN["impairments"], **BUILT_IN["attacks"]}
 
 
 def test_every_registered_kind_is_tried() -> None:
-    assert set(KINDS) == set(REFERENCES)
+    """Those that need to know a model are tried on the links of one, in files of their own."""
+    knowing = {name for name, reference in REFERENCES.items() if hasattr(load_class(reference), "needs")}
+    assert set(KINDS) == set(REFERENCES) - knowing
 
 
 @dataclass(frozen=True)
@@ -86,26 +118,40 @@ def link_name(edge: tuple[str, str]) -> str:
 
 
 @st.composite
-def stages(draw: st.DrawFn, label: str, edges: Sequence[tuple[str, str]]) -> StagePlan:
+def stages(draw: st.DrawFn, label: str, edges: Sequence[tuple[str, str]], kind: str | None) -> StagePlan:
     """Draw a stage: its kind, the links it stands on, whether they share a stream, and when it acts."""
-    name = draw(st.sampled_from(sorted(KINDS)))
+    name = kind or draw(st.sampled_from(sorted(KINDS)))
     parameters = draw(KINDS[name])
     on = draw(st.lists(st.sampled_from(edges), min_size=1, unique=True))
     may_share = name not in NOT_SHARED and parameters.get("clock", "step") == "step"
     shared = may_share and draw(st.booleans())
-    first, last = sorted(draw(st.tuples(st.integers(0, STEPS - 1), st.integers(0, STEPS - 1))))
+    begins_later = name in BEGIN_LATER
+    first, last = sorted(draw(st.tuples(*[st.integers(int(begins_later), STEPS - 1)] * 2)))
     when = draw(st.sampled_from([None, Kind("bus.schedules:Periodic", {"every": 3, "steps_on": 2})]))
-    timing = TimingPlan(first, last, when, label, "when") if draw(st.booleans()) else TimingPlan(0, STEPS - 1)
+    timing = TimingPlan(first, last, when, label, "when")
+    if not begins_later and draw(st.booleans()):
+        timing = TimingPlan(0, STEPS - 1)
     streams = {link_name(edge): "medium" if shared else link_name(edge) for edge in on}
-    return StagePlan(label, Kind(REFERENCES[name], parameters), streams, label, timing)
+    holds_keys = draw(st.booleans())
+    return StagePlan(label, kind_of(name, parameters), streams, label, timing, holds_keys=holds_keys)
+
+
+def kind_of(name: str, stated: dict[str, Any]) -> Kind:
+    role: Role = "impairments" if name in BUILT_IN["impairments"] else "attacks"
+    model = parameters_model(find_kind(role, name, Path(".")), role)
+    return Kind(REFERENCES[name], values(fill(model, stated)))
 
 
 @st.composite
-def cases(draw: st.DrawFn) -> Case:
-    """Draw a graph, up to five stages, seals, what everybody sends, and two orders of sending it."""
+def cases(draw: st.DrawFn, kind: str | None = None) -> Case:
+    """Draw a graph, up to five stages, seals, what everybody sends, and two orders of sending it.
+
+    The first stage is of the given kind, if one is given.
+    """
     pairs = [(a, b) for a in NAMES for b in NAMES if a != b]
     edges = draw(st.lists(st.sampled_from(pairs), min_size=1, max_size=5, unique=True))
-    placed = [draw(stages(f"stage{number}", edges)) for number in range(draw(st.integers(1, 5)))]
+    kinds = [kind] + [None] * draw(st.integers(0, 4))
+    placed = [draw(stages(f"stage{number}", edges, kind)) for number, kind in enumerate(kinds)]
     rounds = draw(st.integers(1, 2))
     integrity = draw(st.dictionaries(st.sampled_from(NAMES), st.sampled_from(["crc", "mac"])))
     plan = plan_of(edges, placed, rounds, integrity)
@@ -185,9 +231,13 @@ def balance(accounts: Sequence[ChannelEvents]) -> None:
             assert surplus[link] == in_flight, (link, account.step, account.round)
 
 
-@given(cases())
-@settings(deadline=None, max_examples=120, suppress_health_check=[HealthCheck.too_slow])
-def test_every_packet_is_accounted_for_on_every_link_and_in_every_slot(case: Case) -> None:
+@pytest.mark.parametrize("kind", sorted(KINDS))
+@given(data=st.data())
+@settings(deadline=None, max_examples=15, suppress_health_check=[HealthCheck.too_slow])
+def test_every_packet_is_accounted_for_on_every_link_and_in_every_slot(
+    kind: str, data: st.DataObject
+) -> None:
+    case = data.draw(cases(kind))
     _, accounts = carry(case, case.orders[0])
     assert [(account.step, account.round) for account in accounts] == sorted(
         {(step, round_) for _, step, round_ in case.sent}

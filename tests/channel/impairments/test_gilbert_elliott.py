@@ -14,6 +14,7 @@ from channel.impairments.gilbert_elliott import (
     GilbertElliottChain,
     GilbertElliottLaw,
     law_of_bursts,
+    states_bad,
 )
 
 FALSE_ALARM = 1e-6
@@ -157,3 +158,13 @@ def test_parameters_that_describe_no_chain_are_refused(parameters: dict[str, flo
 def test_a_shared_chain_cannot_be_clocked_by_one_links_packets() -> None:
     with pytest.raises(ValueError, match="clock: step"):
         stage({"a": "m", "b": "m"}, failure=0.1, recovery=0.9, clock="packet")
+
+
+@pytest.mark.parametrize("rates", [(0.3, 0.4), (0.9, 0.8), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)])
+def test_the_walk_of_a_whole_block_is_that_of_its_ticks_one_by_one(rates: tuple[float, float]) -> None:
+    moves = random_stream(9, 0, "l", "moves").random(500)
+    state, walked = True, []
+    for move in moves:
+        state = move >= rates[1] if state else move < rates[0]
+        walked.append(state)
+    assert states_bad(moves < rates[0], moves >= rates[1], True).tolist() == walked

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from orchestrator.score.results import AttackWindow, ScoreOptions
@@ -168,3 +169,63 @@ def test_the_lockout_length_is_an_option(make_plan, recorder):
     play(recorder, 8, attacked=(), alarms={4, 5, 6, 7})
     assert not scored(make_plan, recorder, 8).lockouts
     assert len(scored(make_plan, recorder, 8, lockout_length=4).lockouts) == 1
+
+
+def arrived(recorder, step, packets, verdicts, injected=()):
+    """Record packets (source, sequence, value), a verdict on each, and injections (link, sequence, norm)."""
+    recorder.truth(step, [0.0])
+    recorder.inbox("e1", step, [packet[:2] for packet in packets], "correct")
+    topic, inbox = recorder.records[-1]
+    values = [value for _, _, value in packets]
+    recorder.records[-1] = topic, msgspec.structs.replace(inbox, values=values)
+    recorder.channel(step, events=[(link, "bias", sequence, "injected") for link, sequence, _ in injected])
+    topic, events = recorder.records[-1]
+    sizes = [size for _, _, size in injected]
+    recorder.records[-1] = topic, msgspec.structs.replace(events, event_magnitude=sizes)
+    judged = [(*packet[:2], alarm) for packet, alarm in zip(packets, verdicts, strict=True)]
+    recorder.estimate("e1", step, [0.0], verdicts=judged)
+
+
+def test_an_injected_packet_is_false_and_the_genuine_one_of_its_number_is_not(make_plan, recorder):
+    packets = [("s1", 0, 9.0), ("s1", 0, 1.0), ("s1", 0, -7.0)]
+    arrived(recorder, 0, packets, [True, False, False], injected=[(LINK, 0, 7.0), (LINK, 0, 9.0)])
+    result = scored(make_plan, recorder, 1)
+    assert counts(result.detector) == (1, 0, 1, 1)
+    (window,) = result.windows
+    assert (window.packets, window.rejected, window.delay) == (2, 1, 0)
+
+
+def test_a_packet_in_anothers_name_is_false_where_its_name_leads(make_plan, recorder):
+    packets = [("s1", 0, 5.0), ("s1", 0, 1.0), ("s2", 0, 2.0)]
+    arrived(recorder, 0, packets, [True, False, False], injected=[("s2->e1", 0, 5.0)])
+    plan = make_plan(1, {"e1": ["s1", "s2"]})
+    result = score(plan, recorder.records, state_groups={})
+    assert [counts(link.detector) for link in result.links] == [(1, 0, 0, 1), (0, 0, 0, 1)]
+    assert result.windows[0].link == LINK
+
+
+def test_injected_packets_that_never_arrived_make_nothing_false(make_plan, recorder):
+    arrived(recorder, 0, [("s1", 0, 1.0)], [False], injected=[(LINK, 0, 9.0)])
+    assert counts(scored(make_plan, recorder, 1).detector) == (0, 0, 0, 1)
+
+
+def test_one_verdict_on_several_packets_of_one_number_stands_for_all(make_plan, recorder):
+    arrived(recorder, 0, [("s1", 0, 1.0), ("s1", 0, 9.0)], [True, True], injected=[(LINK, 0, 9.0)])
+    topic, estimate = recorder.records[-1]
+    once = {"detector_source": ["s1"], "detector_sequence": [0], "detector_statistic": [1.0]}
+    recorder.records[-1] = topic, msgspec.structs.replace(estimate, **once, detector_alarm=[True])
+    assert counts(scored(make_plan, recorder, 1).detector) == (1, 1, 0, 0)
+
+
+def test_packets_that_the_receiver_refused_by_name_or_seal_are_no_business_of_its_detector(
+    make_plan, recorder
+):
+    arrived(recorder, 0, [("s1", 0, 1.0), ("s9", 0, 2.0)], [False, False])
+    topic, estimate = recorder.records[-1]
+    once = {"detector_source": ["s1"], "detector_sequence": [0], "detector_statistic": [1.0]}
+    recorder.records[-1] = topic, msgspec.structs.replace(estimate, **once, detector_alarm=[False])
+    assert counts(scored(make_plan, recorder, 1).detector) == (0, 0, 0, 1)
+    plan = make_plan(1, {"e1": ["s1"]})
+    fields = {name: getattr(plan, name) for name in plan.__dataclass_fields__} | {"integrity": {"s1": "mac"}}
+    total = score(type(plan)(**fields), recorder.records, state_groups={}).detector
+    assert counts(total) == (0, 0, 0, 0)

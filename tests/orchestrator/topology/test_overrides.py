@@ -72,7 +72,8 @@ def test_a_pattern_of_nodes(tmp_path: Path) -> None:
 def test_another_method_for_one_node_leaves_its_old_parameters_behind(tmp_path: Path) -> None:
     plan = load(tmp_path, "estimators.e4.method=kalman").plan
     other = plan.estimators[3]
-    assert (other.kind.reference, dict(other.kind.parameters)) == ("nodes.estimators.kalman:Kalman", {})
+    assert other.kind.reference == "nodes.estimators.kalman:Kalman"
+    assert dict(other.kind.parameters) == {"threshold": None, "on_alarm": "flag"}
     assert (other.rounds, other.sensors, dict(other.neighbours)) == (0, ("s4",), {})
     assert dict(plan.estimators[0].neighbours) == {"e2": 1.0}
 

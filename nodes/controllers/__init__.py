@@ -1,0 +1,1 @@
+"""Controllers: what input an estimate asks for."""

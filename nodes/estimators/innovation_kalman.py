@@ -1,0 +1,107 @@
+"""The remote estimator of a smart sensor: it makes estimates of the innovations that it is sent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Gt
+
+from bus.packets import Packet, Vector
+from nodes.contract import Belief, Detection, Matrix, Setting
+from nodes.estimators.linear_gaussian import Dynamics, mahalanobis_squared
+from nodes.linear_algebra import symmetrise
+from nodes.sensors.innovation import Innovation
+
+
+class InnovationKalman:
+    """Follows the filter of one smart sensor: ``x^ = A x^ + K z`` (Guo, Shi, Johansson, Shi 2017).
+
+    Its error is that of the sensor's own filter, and, where an innovation is missing, what it missed:
+    ``P + D`` with ``D = A D A' + K S K'`` in a step without innovation and ``D = A D A'`` in one with. The
+    two parts are uncorrelated, since the sensor's error is orthogonal to all its past innovations. Of several
+    packets of a step the first one of the right size counts; one sent in an earlier step is not used.
+
+    With a ``threshold`` it carries a chi-square detector with the statistic ``z' S^-1 z``.
+
+    Parameters
+    ----------
+    setting
+        A linear plant, and exactly one sensor of the kind ``innovation``.
+    threshold
+        The detector raises an alarm on a packet whose statistic reaches it; None for no detector.
+    on_alarm
+        ``flag`` only notes the alarm; ``reject`` also treats the packet as a missing one.
+
+    Raises
+    ------
+    ValueError
+        When it does not listen to exactly one smart sensor, or there is nothing that could reject.
+    """
+
+    listens: ClassVar[Literal["paired", "all"]] = "paired"
+    rounds: int = 0
+
+    def __init__(
+        self,
+        setting: Setting,
+        *,
+        threshold: Annotated[float, Gt(0.0)] | None = None,
+        on_alarm: Literal["flag", "reject"] = "flag",
+    ) -> None:
+        if on_alarm == "reject" and threshold is None:
+            raise ValueError(f"{setting.name}: without a detector nothing is rejected; give it a 'threshold'")
+        first: object = next(iter(setting.sensors.values()), None)
+        if len(setting.sensors) != 1 or not isinstance(first, Innovation):
+            raise ValueError(
+                f"{setting.name} listens to {', '.join(setting.sensors) or 'no sensor'}; "
+                "this method needs exactly one sensor of the kind 'innovation'"
+            )
+        self._gains = first.filter_gains()
+        self._dynamics = Dynamics(setting)
+        self._threshold = threshold
+        self._rejects = on_alarm == "reject"
+        self._state: Vector = setting.plant.initial_mean
+        self._missed: Matrix = np.zeros_like(self._dynamics.A)
+        self._covariance: Matrix = setting.plant.initial_covariance
+        self._nis = 0.0
+        self._nis_dof = 0
+        self._detections: Sequence[Detection] = ()
+
+    def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
+        """Predict from the step before, then add what this step's innovation asks for; nothing is sent."""
+        A, gain = self._dynamics.A, self._gains.next()
+        if step > 0:
+            self._state = A.dot(self._state)
+            self._missed = symmetrise(A.dot(self._missed).dot(A.T))
+        self._nis, self._nis_dof, self._detections = 0.0, 0, ()
+        arrived = False
+        size = len(gain.S)
+        for packet in [p for p in packets if p.sent_step == step and p.values.size == size][:1]:
+            self._nis, self._nis_dof = mahalanobis_squared(packet.values, gain.factor), len(packet.values)
+            alarm = False
+            if self._threshold is not None:
+                alarm = self._nis >= self._threshold
+                self._detections = [Detection(packet.source, packet.sequence, self._nis, alarm)]
+            arrived = not (alarm and self._rejects)
+            if arrived:
+                self._state = self._state + gain.K.dot(packet.values)
+        if not arrived:
+            self._missed = self._missed + gain.K.dot(gain.S).dot(gain.K.T)
+        self._covariance = gain.P + self._missed
+        return None
+
+    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
+        """Do nothing: the estimator works alone."""
+        return None
+
+    def estimate(self, step: int) -> Belief:
+        """Return the state, the covariance of its error, and the detector's verdict."""
+        return Belief(
+            self._state,
+            self._covariance,
+            nis=self._nis,
+            nis_dof=self._nis_dof,
+            detections=self._detections,
+        )
