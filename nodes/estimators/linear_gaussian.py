@@ -69,11 +69,7 @@ class SensorBank:
                     f"{setting.name}: sensor {name} ({type(sensor).__name__}) is not linear; "
                     "use a linear sensor, or a method for non-linear ones"
                 )
-            if getattr(sensor, "sends_innovations", False):
-                raise ValueError(
-                    f"{setting.name}: sensor {name} sends innovations, not measurements; "
-                    "use the method innovation_kalman for it"
-                )
+            refuse_innovations(setting, name)
             if dpotrf(sensor.R)[1] != 0:
                 raise ValueError(f"{setting.name}: sensor {name} has singular noise; give it a positive std")
             self.models[name] = Measurement(np.ascontiguousarray(sensor.C), np.ascontiguousarray(sensor.R))
@@ -103,6 +99,15 @@ class SensorBank:
             R[begin:end, begin:end] = model.R
             begin = end
         return Measurement(C, R)
+
+
+def refuse_innovations(setting: Setting, name: str) -> None:
+    """Raise ValueError when a sensor sends innovations, which only one method can use."""
+    if getattr(setting.sensors[name], "sends_innovations", False):
+        raise ValueError(
+            f"{setting.name}: sensor {name} sends innovations, not measurements; "
+            "use the method innovation_kalman for it"
+        )
 
 
 class Correction(NamedTuple):

@@ -11,6 +11,8 @@ import numpy as np
 from bus.packets import Packet, Vector
 from nodes.contract import Belief, Matrix, NonlinearPlant, NonlinearSensor, Setting
 from nodes.estimators.arrivals import measurements
+from nodes.estimators.commanded_input import CommandedInput
+from nodes.estimators.linear_gaussian import refuse_innovations
 from nodes.lapack import dpotrf
 
 
@@ -33,6 +35,7 @@ def nonlinear_sensors(setting: Setting) -> dict[str, NonlinearSensor]:
                 f"{setting.name}: sensor {name} ({type(sensor).__name__}) has no 'measure', 'jacobian' and "
                 "'R'; use a sensor that satisfies NonlinearSensor"
             )
+        refuse_innovations(setting, name)
         if dpotrf(sensor.R)[1] != 0:
             raise ValueError(f"{setting.name}: sensor {name} has singular noise; give it a positive std")
         models[name] = sensor
@@ -43,7 +46,7 @@ class NonlinearKalman(ABC):
     """A filter that keeps a mean and a covariance, and takes the packets of a step jointly.
 
     The prior of step 0 is the plant's initial law. A step without packets only predicts, and a packet sent
-    in an earlier step is not used.
+    in an earlier step is not used. A commanded input adds ``B u`` to the prediction, as for `Kalman`.
     """
 
     listens: ClassVar[Literal["paired", "all"]] = "paired"
@@ -52,6 +55,7 @@ class NonlinearKalman(ABC):
     def __init__(self, setting: Setting) -> None:
         self._plant = nonlinear_plant(setting)
         self._sensors = nonlinear_sensors(setting)
+        self._input = CommandedInput(setting.plant)
         self._sizes = {name: len(sensor.R) for name, sensor in self._sensors.items()}
         self._state = setting.plant.initial_mean
         self._covariance = setting.plant.initial_covariance
@@ -66,10 +70,16 @@ class NonlinearKalman(ABC):
     def _update(self, packets: Sequence[Packet]) -> None:
         """Correct by at least one packet of this step, and set the NIS and its degrees of freedom."""
 
+    def control(self, step: int, packets: Sequence[Packet]) -> None:
+        """Take the input that was commanded in ``step``, for the prediction that follows."""
+        self._input.take(packets)
+
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict from the step before, then correct by this step's measurements; nothing is sent."""
         if step > 0:
             self._predict()
+            if self._input.effect is not None:
+                self._state = self._state + self._input.effect
         self._nis, self._nis_dof = 0.0, 0
         current = measurements(step, packets, self._sizes)
         if current:

@@ -11,6 +11,8 @@ from annotated_types import Ge, Interval
 from bus.packets import Packet, Vector
 from nodes.contract import Belief, LikelihoodSensor, Matrix, SampledPlant, Setting
 from nodes.estimators.arrivals import measurements
+from nodes.estimators.commanded_input import CommandedInput
+from nodes.estimators.linear_gaussian import refuse_innovations
 from nodes.estimators.resampling import SCHEMES, Scheme, effective_sample_size
 
 
@@ -60,6 +62,7 @@ class Particle:
         self._sensors = likelihood_sensors(setting)
         mean = setting.plant.initial_mean[None]
         self._sizes = {name: sensor.measure(mean).shape[1] for name, sensor in self._sensors.items()}
+        self._input = CommandedInput(setting.plant)
         self._number = particles
         self._resample = SCHEMES.get(resampling)
         self._enough = resample_below * particles
@@ -68,6 +71,10 @@ class Particle:
         self._weights: Vector = np.full(particles, 1.0 / particles)
         self._log_weights: Vector = np.zeros(particles)
         self._resampled = False
+
+    def control(self, step: int, packets: Sequence[Packet]) -> None:
+        """Take the input that was commanded in ``step``; ``B u`` is added to the particles that follow."""
+        self._input.take(packets)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Move the particles, then weigh them by this step's measurements; nothing is sent."""
@@ -109,6 +116,8 @@ class Particle:
             self._weights = np.full(self._number, 1.0 / self._number)
             self._log_weights = np.zeros(self._number)
         self._states = self._plant.sample(self._states, self._noise)
+        if self._input.effect is not None:
+            self._states = self._states + self._input.effect
 
     def _weigh(self, packets: Sequence[Packet]) -> None:
         """Weigh the particles by at least one packet of this step (6)."""
@@ -150,6 +159,7 @@ def likelihood_sensors(setting: Setting) -> dict[str, LikelihoodSensor]:
                 f"{setting.name}: sensor {name} ({type(sensor).__name__}) has no 'measure' and "
                 "'log_likelihood'; use a sensor that satisfies LikelihoodSensor"
             )
+        refuse_innovations(setting, name)
         predicted = sensor.measure(setting.plant.initial_mean[None])
         sensor.log_likelihood(predicted[0], predicted)
         models[name] = sensor

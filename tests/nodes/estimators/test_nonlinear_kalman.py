@@ -9,12 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from bus.packets import Packet
 from nodes.contract import Setting
 from nodes.estimators.extended_kalman import ExtendedKalman
 from nodes.estimators.kalman import Kalman
+from nodes.estimators.particle import Particle
 from nodes.estimators.unscented_kalman import UnscentedKalman
 from nodes.gaussian import Gaussian
+from nodes.plants.linear import Linear as LinearPlant
 from nodes.plants.quadruple_tank import QuadrupleTank
+from nodes.sensors.innovation import Innovation
 from nodes.sensors.linear import Linear as LinearSensor
 from nodes.sensors.tank_outflow import TankOutflow
 
@@ -100,6 +104,22 @@ def test_the_unscented_prediction_has_the_moments_of_many_samples():
     np.testing.assert_allclose(samples.std(axis=0), sigma, rtol=0.03)
 
 
+@pytest.mark.parametrize("kind", [ExtendedKalman, UnscentedKalman, Particle])
+def test_a_commanded_input_moves_the_prediction_as_it_moves_the_plant(kind):
+    plant = LinearPlant(
+        0.1,
+        A=[[1.0, 0.1], [0.0, 1.0]],
+        B=[[0.0], [2.0]],
+        process_noise=Gaussian(std=1e-9),
+        initial=Gaussian(std=1e-9, mean=[1.0, 1.0]),
+    )
+    other = kind(Setting("e1", plant, {}, {}, np.random.default_rng(0)))
+    other.correct(0, [])
+    other.control(0, [Packet("c1", 0, 0, "control", np.array([0.5]))])
+    other.correct(1, [])
+    np.testing.assert_allclose(other.estimate(1).state, [1.1, 2.0], atol=1e-7)
+
+
 @both
 def test_a_late_packet_and_a_copy_change_nothing(packet, kind):
     plain, disturbed = kind(tanks()), kind(tanks())
@@ -139,3 +159,10 @@ def test_models_that_it_cannot_use_are_refused_with_the_cure(kind):
 def test_points_that_would_lie_nowhere_are_refused():
     with pytest.raises(ValueError, match=r"kappa is -4\.0; give more than -4"):
         UnscentedKalman(tanks(), kappa=-4.0)
+
+
+@pytest.mark.parametrize("kind", [ExtendedKalman, UnscentedKalman, Particle])
+def test_a_sensor_that_sends_innovations_is_refused_with_the_cure(world, kind):
+    smart = Innovation(world.plant, C=[[1.0, 0.0, 0.0]], noise=Gaussian(std=0.1))
+    with pytest.raises(ValueError, match="sensor s1 sends innovations, not measurements"):
+        kind(replace(world.setting("s1"), sensors={"s1": smart}))
