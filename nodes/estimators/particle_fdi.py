@@ -114,6 +114,10 @@ class ParticleFdi(Particle):
             else:
                 std = oracle_std if attack_estimate == "noisy_oracle" else 0.0
                 self._attacks[name] = ToldAttack(size, noise_std=std, rng=self._own)
+        self._labels = [
+            tuple([f"{what}_{name}_{i}" for i in range(size)] for what in ("attack", "attack_variance"))
+            for name, size in self._sizes.items()
+        ]
         self._is_told = attack_estimate != "kalman"
         self._detections: list[Detection] = []
 
@@ -143,11 +147,9 @@ class ParticleFdi(Particle):
 
     def _diagnostics(self) -> dict[str, float]:
         found = super()._diagnostics()
-        for name, attack in self._attacks.items():
-            for index, value in enumerate(attack.value.tolist()):
-                found[f"attack_{name}_{index}"] = value
-            for index, value in enumerate(attack.variance.tolist()):
-                found[f"attack_variance_{name}_{index}"] = value
+        for (values, variances), attack in zip(self._labels, self._attacks.values(), strict=True):
+            found.update(zip(values, attack.value.tolist(), strict=True))
+            found.update(zip(variances, attack.variance.tolist(), strict=True))
         return found
 
     def _weigh(self, packets: Sequence[Packet]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -98,7 +99,11 @@ class QuadrupleTank(Additive):
         rate = inflow / AREAS
         self._half, self._half_constant = 0.5 * period_s * _flow_rates(), 0.5 * period_s * rate
         self._whole, self._whole_constant = period_s * _flow_rates(), period_s * rate
-        self._scratch = np.empty((6, 4 * CHUNK))
+        half = np.column_stack((self._half, self._half_constant))
+        whole = np.column_stack((self._whole, self._whole_constant))
+        self._to_inside = (half, half, whole)
+        self._to_end = np.column_stack((half, 2.0 * half, whole, half)) / 3.0
+        self._scratch = lru_cache(maxsize=4)(_scratch)
 
     def transition(self, states: Matrix) -> Matrix:
         """Return the levels (N, 4) one period after each of N levels (N, 4), without noise."""
@@ -112,26 +117,22 @@ class QuadrupleTank(Additive):
     def _move(self, levels: Matrix, moved: Matrix) -> None:
         """Write the levels (4, N) one period later; N is at most `CHUNK`.
 
-        Memory that is asked for and given back in every call costs more than the arithmetic.
+        A row of ones under the roots of each stage carries the constant inflow, so that a stage is one
+        product, and so is the sum of all four. Memory that is asked for and given back in every call would
+        cost more than the arithmetic.
         """
-        size = 4 * levels.shape[1]
-        first, second, third, fourth, inside, root = (
-            part[:size].reshape(levels.shape) for part in self._scratch
-        )
-        half, half_constant = self._half, self._half_constant[:, None]
-        _stage(levels, half, half_constant, root, first)
-        np.add(levels, first, out=inside)
-        _stage(inside, half, half_constant, root, second)
-        np.add(levels, second, out=inside)
-        _stage(inside, self._whole, self._whole_constant[:, None], root, third)
-        np.add(levels, third, out=inside)
-        _stage(inside, half, half_constant, root, fourth)
-        first += third
-        first += fourth
-        second += second
-        first += second
-        first *= 1.0 / 3.0
-        np.add(levels, first, out=moved)
+        stages, roots, inside = self._scratch(levels.shape[1])
+        at = levels
+        for matrix, (root, extended) in zip(self._to_inside, stages, strict=False):
+            np.maximum(at, 0.0, out=root)
+            np.sqrt(root, out=root)
+            matrix.dot(extended, out=inside)
+            inside += levels
+            at = inside
+        root = stages[3][0]
+        np.maximum(at, 0.0, out=root)
+        np.sqrt(root, out=root)
+        np.add(levels, self._to_end.dot(roots), out=moved)
 
     def jacobian(self, state: Vector) -> Matrix:
         """Return the derivative (4, 4) of the transition at a state (4,), by the chain rule."""
@@ -170,12 +171,13 @@ def _flow_rates() -> Matrix:
     return rates
 
 
-def _stage(levels: Matrix, rates: Matrix, constant: Matrix, root: Matrix, out: Matrix) -> None:
-    """Write ``rates sqrt(max(h, 0)) + constant`` (4, N), with ``root`` as scratch."""
-    np.maximum(levels, 0.0, out=root)
-    np.sqrt(root, out=root)
-    rates.dot(root, out=out)
-    out += constant
+def _scratch(size: int) -> tuple[list[tuple[Matrix, Matrix]], Matrix, Matrix]:
+    """Return, for N = ``size``: for each of four stages, roots (4, N) and the same over a row of ones (5, N).
+
+    Then all of them (20, N), of which the former are views, and room for levels (4, N).
+    """
+    roots = np.ones((4, 5, size))
+    return [(stage[:4], stage) for stage in roots], roots.reshape(20, size), np.empty((4, size))
 
 
 def _root(levels: Matrix | Vector) -> Matrix:
