@@ -9,6 +9,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from benchmarks import hybrid
 from benchmarks.comparison import Comparison, at_most
 from benchmarks.effort import Effort
 from benchmarks.networks import load_text, network, ring, run_counting, tanks
@@ -65,6 +66,8 @@ def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
         samples["small"].append(_whole_us(small))
         for name, plan in methods.items():
             samples[name].append(_method_us(plan))
+    with threadpool_limits(limits=1, user_api="blas"):
+        hybrid_rows = hybrid.measure(effort)
     unit = "µs/node step"
     by_size = Comparison(
         "g",
@@ -78,6 +81,7 @@ def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
     return [
         by_size,
         *(Comparison("g", f"{name}: mathematics alone", unit, samples[name]) for name in methods),
+        *hybrid_rows,
     ]
 
 

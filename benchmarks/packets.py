@@ -30,7 +30,7 @@ _STAGES = """{"*->*": [
   {delay: {delay: 0.4, jitter: 0.3, distribution: normal, correlation: 0.5}},
   {duplicate: {probability: 0.005}},
   {corrupt: {probability: 0.005}}]}"""
-_SATURATE = "{saturate: {low: -8, high: 8}}"
+_REORDER = "{reorder: {probability: 0.005}}"
 _QUANTISE = "{quantise: {step: 0.001}}"
 
 
@@ -48,7 +48,7 @@ class _EncodingPort:
 def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
     """Time both in turn, in this process, by its processor time."""
     steps = effort.steps(_STEPS)
-    channels = {"perfect": "{}", "five": _STAGES % _SATURATE, "rounded": _STAGES % _QUANTISE}
+    channels = {"perfect": "{}", "five": _STAGES % _REORDER, "rounded": _STAGES % _QUANTISE}
     with tempfile.TemporaryDirectory() as folder:
         plans = {
             name: load_text(Path(folder), network(NODES, steps, ring(NODES), channel=channel))

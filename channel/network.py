@@ -8,7 +8,7 @@ from bus.integrity import Forger, Gate
 from bus.kinds import load_class
 from bus.messages import ChannelEvents
 from bus.packets import Packet
-from bus.plan import LinkPlan, Plan, StagePlan
+from bus.plan import Plan, StagePlan
 from bus.random_streams import random_stream
 from bus.schedules import Timing
 from channel.contract import (
@@ -16,14 +16,13 @@ from channel.contract import (
     DUPLICATED,
     INJECTED,
     LOST,
-    NEVER,
-    Lane,
     Ledger,
     Placement,
     Slot,
     Stage,
 )
 from channel.draws import SteppedDraws, permutation
+from channel.link import Link
 
 _COUNTED = (LOST, ATTACKED, INJECTED, DUPLICATED)
 
@@ -48,115 +47,6 @@ def build_stage(plan: Plan, stage: StagePlan) -> Stage:
     )
     built: Stage = kind(placement, **stage.kind.parameters)
     return built
-
-
-class _Placed:
-    """A lane with its timing; ``quiet`` is the first step in which it must be called again.
-
-    A ``plain`` one has no timing and keeps nothing: all there is to do is to let it act in every slot.
-    """
-
-    __slots__ = (
-        "act",
-        "first",
-        "is_active",
-        "keeps",
-        "lane",
-        "last",
-        "looks_ahead",
-        "plain",
-        "quiet",
-        "rest",
-    )
-
-    def __init__(self, timing: Timing, lane: Lane, last_step: int) -> None:
-        self.first, self.last = timing.first, timing.last
-        self.is_active = None if timing.schedule is None else timing.schedule.active
-        self.lane = lane
-        self.act = lane.act
-        self.keeps = type(lane).rest is not Lane.rest
-        self.rest = lane.rest if self.keeps else None
-        knows = type(lane).quiet_until is not Lane.quiet_until
-        has_window = timing.first > 0 or timing.last < last_step
-        self.looks_ahead = knows or (has_window and not self.keeps)
-        self.plain = not (self.looks_ahead or self.keeps or has_window or timing.schedule)
-        self.quiet = 0
-
-    def ahead(self, step: int) -> int:
-        """Return the first step from the given one on in which it must be called."""
-        if self.lane.held:
-            return step
-        if step > self.last:
-            return NEVER
-        return self.lane.quiet_until(max(step, self.first))
-
-
-class _Link:
-    """One link's stages, each with its timing, and who receives what is left.
-
-    ``receiver`` is the number of its receiver, ``place`` that of its slot in the receiver's inbox.
-
-    Before the step ``quiet`` only the ``plain`` ones among the stages need be called.
-    """
-
-    __slots__ = (
-        "destination",
-        "keepers",
-        "name",
-        "number",
-        "place",
-        "placed",
-        "plain",
-        "quiet",
-        "receiver",
-        "source",
-    )
-
-    def __init__(
-        self,
-        number: int,
-        plan: LinkPlan,
-        receiver: int,
-        place: int,
-        stages: Mapping[str, tuple[Timing, Stage]],
-        last_step: int,
-    ) -> None:
-        self.number = number
-        self.name = plan.name
-        self.source = plan.source
-        self.destination = plan.destination
-        self.receiver = receiver
-        self.place = place
-        lanes = [(timing, stage.lane(plan.name)) for timing, stage in map(stages.__getitem__, plan.stages)]
-        self.placed = [_Placed(timing, lane, last_step) for timing, lane in lanes if not _is_idle(lane)]
-        self.keepers = [placed.lane for placed in self.placed if placed.keeps]
-        self.plain = [placed.act for placed in self.placed if placed.plain]
-        self.quiet = 0 if len(self.plain) < len(self.placed) else NEVER
-
-    def carry(
-        self, slot: Slot, packets: Sequence[Packet], ledger: Ledger, next_step: int
-    ) -> Sequence[Packet]:
-        """Return what the stages make of a slot; ``next_step`` is that of the link's next one."""
-        step = slot.step
-        quiet = NEVER
-        for placed in self.placed:
-            if placed.quiet <= step:
-                is_active = placed.is_active
-                if placed.first <= step <= placed.last and (is_active is None or is_active(step)):
-                    packets = placed.act(slot, packets, ledger)
-                elif placed.rest is not None:
-                    packets = placed.rest(slot, packets, ledger)
-                if placed.looks_ahead:
-                    placed.quiet = placed.ahead(next_step)
-            if placed.quiet < quiet and not placed.plain:
-                quiet = placed.quiet
-        self.quiet = quiet
-        return packets
-
-
-def _is_idle(lane: Lane) -> bool:
-    """Tell whether a lane hands on what it gets, always."""
-    return type(lane).act is Lane.act and type(lane).rest is Lane.rest
 
 
 class _Inbox:
@@ -213,14 +103,14 @@ class PhaseNetwork:
             for round_ in range(max((self._rounds.get(link.source, 1) for link in links), default=0))
         ]
         self._numbers = {link.name: number for number, link in enumerate(links)}
-        self._from: dict[str, list[_Link]] = {}
+        self._from: dict[str, list[Link]] = {}
         sources: dict[str, list[str]] = {}
         for link in sorted(links, key=lambda link: link.source):
             sources.setdefault(link.destination, []).append(link.source)
         receivers = {name: number for number, name in enumerate(sources)}
         for number, link in enumerate(links):
             place = sources[link.destination].index(link.source)
-            one = _Link(number, link, receivers[link.destination], place, stages, plan.steps - 1)
+            one = Link(number, link, receivers[link.destination], place, stages, plan.steps - 1)
             self._from.setdefault(link.source, []).append(one)
         self._in_degrees = [len(names) for names in sources.values()]
         self._gates = {receiver: Gate(plan, names) for receiver, names in sources.items()}
@@ -289,7 +179,7 @@ class PhaseNetwork:
         return complete
 
     def _settle(
-        self, link: _Link, slot: Slot, arrived: Sequence[Packet], account: _Account, inbox: _Inbox
+        self, link: Link, slot: Slot, arrived: Sequence[Packet], account: _Account, inbox: _Inbox
     ) -> Sequence[Packet]:
         """Account for what the stages of a link made of a slot; return its packets in a drawn order."""
         refused = 0

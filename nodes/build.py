@@ -11,7 +11,8 @@ from bus.plan import ControllerPlan, EstimatorPlan, Plan
 from bus.program import Port, Program
 from bus.random_streams import random_stream
 from nodes.contract import Controller, ControllerSetting, Estimator, Plant, Sensor, Setting
-from nodes.programs import controller_program, estimator_program, plant_program, sensor_program
+from nodes.estimator_program import estimator_program
+from nodes.programs import controller_program, plant_program, sensor_program
 
 
 def build_plant(plan: Plan) -> Plant:

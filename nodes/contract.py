@@ -118,8 +118,8 @@ class NonlinearSensor(Sensor, Protocol):
 
     R: Matrix
 
-    def measure(self, states: Matrix) -> Matrix:
-        """Return ``g`` (N, m) of each of N states (N, n)."""
+    def measure(self, states: Matrix, signals: Matrix | None = None) -> Matrix:
+        """Return ``g`` (N, m) of each of N states (N, n), and of an attack's signals (N, q) if it has any."""
         ...
 
     def jacobian(self, state: Vector) -> Matrix:
@@ -131,7 +131,7 @@ class NonlinearSensor(Sensor, Protocol):
 class LikelihoodSensor(Sensor, Protocol):
     """A sensor of any law whose likelihood is known: what particle filters need."""
 
-    def measure(self, states: Matrix) -> Matrix:
+    def measure(self, states: Matrix, signals: Matrix | None = None) -> Matrix:
         """Return the measurement without noise (N, m) of each of N states (N, n)."""
         ...
 

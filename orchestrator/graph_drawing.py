@@ -28,6 +28,9 @@ _COLOURS = {
 }
 
 
+_HALF_WIDTH = 1.9
+
+
 class DrawingError(InputError):
     """The network cannot be drawn; the text tells the cure."""
 
@@ -67,21 +70,27 @@ def layout(plan: Plan) -> dict[str, Point]:
 
     Estimators stand on a ring, linked ones near one another where the graph allows; those that hear every
     sensor in its middle. Each sensor stands outside the first on the ring that listens to it, and the plant
-    in a corner, a controller beside it.
+    in a corner, a controller below it.
     """
     hears_all = {own.name: len(own.sensors) == len(plan.sensors) for own in plan.estimators}
     middle = [name for name in hears_all if hears_all[name]] if not all(hears_all.values()) else []
     ring = _around([name for name in hears_all if name not in middle], plan.links_of(EXCHANGE))
     places = {plan.plant.name: (-1.35, 1.35), **_circle(0.3 if len(middle) > 1 else 0.0, middle)}
-    places.update(_circle(1.0, ring))
+    places.update(_circle(1.0 if len(ring) > 1 else 0.0, ring))
     turn = {name: index / len(ring) for index, name in enumerate(ring)}
     for estimator in plan.estimators:
         own = (
             [sensor for sensor in estimator.sensors if sensor not in places] if estimator.name in turn else []
         )
-        places.update({name: _at(1.32 + 0.16 * rank, turn[estimator.name]) for rank, name in enumerate(own)})
+        if len(ring) > 1:
+            own_places = {
+                name: _at(1.32 + 0.16 * rank, turn[estimator.name]) for rank, name in enumerate(own)
+            }
+        else:
+            own_places = _circle(1.0, own, 0.5)
+        places.update(own_places)
     places.update(
-        {own.name: (-1.35 + 0.5 * number, 1.35) for number, own in enumerate(plan.controllers, start=1)}
+        {own.name: (-1.35, 1.35 - 0.7 * number) for number, own in enumerate(plan.controllers, start=1)}
     )
     return {**_circle(1.62, [own.name for own in plan.sensors if own.name not in places], 0.5), **places}
 
@@ -131,6 +140,8 @@ def draw(plan: Plan, out: Path) -> None:
     figure = Figure(figsize=(9.0, 9.0), layout="constrained")
     axes = figure.add_subplot()
     axes.set_aspect("equal")
+    axes.set_xlim(-_HALF_WIDTH, _HALF_WIDTH)
+    axes.set_ylim(-_HALF_WIDTH, _HALF_WIDTH)
     axes.set_axis_off()
     axes.set_title(plan.name)
     places = layout(plan)

@@ -31,6 +31,7 @@ Role = Literal[
 ROLES: tuple[Role, ...] = get_args(Role)
 
 _GENERATORS = "orchestrator.topology.graph_generators"
+_DATA_ASSOCIATION = "nodes.estimators.probabilistic_data_association"
 
 BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
     {
@@ -39,6 +40,9 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "linear": "nodes.plants.linear:Linear",
                 "constant_acceleration": "nodes.plants.constant_acceleration:ConstantAcceleration",
                 "quadruple_tank": "nodes.plants.quadruple_tank:QuadrupleTank",
+                "linear_benchmark": "nodes.plants.linear_benchmark:LinearBenchmark",
+                "swing_network": "nodes.plants.swing_network:SwingNetwork",
+                "ieee14": "nodes.plants.ieee14:Ieee14",
             }
         ),
         "sensors": MappingProxyType(
@@ -61,6 +65,10 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "innovation_kalman": "nodes.estimators.innovation_kalman:InnovationKalman",
                 "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
                 "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",
+                "hybrid_bernoulli": "nodes.estimators.hybrid_bernoulli:HybridBernoulli",
+                "jise": "nodes.estimators.jise:Jise",
+                "imm": "nodes.estimators.imm:Imm",
+                "probabilistic_data_association": f"{_DATA_ASSOCIATION}:ProbabilisticDataAssociation",
                 "external": "nodes.estimators.external:External",
             }
         ),

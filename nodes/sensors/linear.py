@@ -49,10 +49,10 @@ class Linear(GaussianNoise):
         values: Vector = self.C.dot(state) + self.draw(rng)
         return values if attack is None or self.H is None else values + self.H.dot(attack)
 
-    def measure(self, states: Matrix) -> Matrix:
-        """Return ``C x`` (N, m) of each of N states (N, n)."""
+    def measure(self, states: Matrix, signals: Matrix | None = None) -> Matrix:
+        """Return ``C x + H a`` (N, m) of each of N states (N, n), and signals (N, q) if there are any."""
         predicted: Matrix = self.C.dot(states.T).T
-        return predicted
+        return predicted if signals is None or self.H is None else predicted + signals.dot(self.H.T)
 
     def jacobian(self, state: Vector) -> Matrix:
         """Return ``C`` (m, n)."""

@@ -56,8 +56,8 @@ class StudentT:
         values: Vector = self.C.dot(state) + self._scale * rng.standard_t(self._nu, len(self.C))
         return values
 
-    def measure(self, states: Matrix) -> Matrix:
-        """Return ``C x`` (N, m) of each of N states (N, n)."""
+    def measure(self, states: Matrix, signals: Matrix | None = None) -> Matrix:
+        """Return ``C x`` (N, m) of each of N states (N, n); no signal of an attack enters."""
         predicted: Matrix = self.C.dot(states.T).T
         return predicted
 

@@ -46,8 +46,8 @@ class TankOutflow(GaussianNoise):
         values: Vector = self.measure(state[None])[0] + self.draw(rng)
         return values
 
-    def measure(self, states: Matrix) -> Matrix:
-        """Return the outflows (N, m) for each of N levels (N, 4)."""
+    def measure(self, states: Matrix, signals: Matrix | None = None) -> Matrix:
+        """Return the outflows (N, m) for each of N levels (N, 4); no signal of an attack enters."""
         return np.ascontiguousarray(self._plant.outflows(states)[:, self._index])
 
     def jacobian(self, state: Vector) -> Matrix:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bus.kinds import KindError
+from orchestrator.log.errors import LogError
 from orchestrator.registry import Role, UnknownKindError, find_kind
 from orchestrator.topology.draft import CheckedKind, Draft
 from orchestrator.topology.names import split_number
@@ -16,6 +17,8 @@ from orchestrator.topology.problems import PathKeys, did_you_mean
 from orchestrator.topology.schema import AttackSection
 
 STAGE_OPTIONS = ("name", "scope", "stream")
+SERIES_PARAMETERS = ("values", "series")
+"""Parameters that may be the place of a series (`orchestrator.topology.series`) instead of its rows."""
 PLACEHOLDERS = frozenset({"link", "source", "destination", "source_number", "destination_number"})
 
 Window = tuple[int, int]
@@ -219,10 +222,28 @@ def _stage_kind(draft: Draft, kind: str, stated: Any, path: PathKeys, role: Role
     if not isinstance(stated, dict):
         draft.complain(place, f"the parameters of {kind} are not a mapping", f"write '{kind}: {{...}}'")
         return None
+    stated = _with_series(draft, stated, place)
     if path[0] == "channel" and _is_registered(draft, "attacks", kind):
         draft.complain(place, f"{kind} is an attack", "state it under 'attacks', with 'on' and 'steps'")
         return None
     return draft.check_kind(role, kind, place, place, stated)
+
+
+def _with_series(draft: Draft, stated: dict[str, Any], place: PathKeys) -> dict[str, Any]:
+    """Return parameters in which the place of a series is replaced by its rows; what is wrong is noted."""
+    found = dict(stated)
+    for key in SERIES_PARAMETERS:
+        if not isinstance(stated.get(key), str):
+            continue
+        from orchestrator.topology.series import SeriesError, read_series
+
+        entry, _ = draft.root.nearest((*place, key))
+        try:
+            found[key] = read_series(str(entry.origin.directory / stated[key]))
+        except (SeriesError, LogError) as error:
+            draft.complain((*place, key), str(error))
+            found[key] = []
+    return found
 
 
 def _is_registered(draft: Draft, role: Role, kind: str) -> bool:

@@ -257,5 +257,5 @@ def test_the_order_in_which_senders_send_changes_nothing(case: Case) -> None:
 def test_leaving_out_the_slots_that_lanes_are_quiet_in_changes_nothing(case: Case) -> None:
     sparing = carry(case, case.orders[0])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("channel.network._Placed.ahead", lambda placed, step: step)
+        patch.setattr("channel.link.PlacedLane.ahead", lambda placed, step: step)
         assert carry(case, case.orders[0]) == sparing

@@ -15,7 +15,11 @@ def test_without_noise_it_measures_by_its_matrix_alone():
     sensor = Linear(PLANT, C=[[1.0, 0.0, 2.0], [0.0, 3.0, 0.0]], noise=Gaussian(std=0.0))
     for protocol in (LinearSensor, NonlinearSensor, LikelihoodSensor):
         assert isinstance(sensor, protocol)
-    np.testing.assert_array_equal(sensor.measure(np.array([[1.0, 2.0, 3.0]])), [[7.0, 6.0]])
+    states, signals = np.array([[1.0, 2.0, 3.0]]), np.array([[0.5]])
+    np.testing.assert_array_equal(sensor.measure(states), [[7.0, 6.0]])
+    np.testing.assert_array_equal(sensor.measure(states, signals), [[7.0, 6.0]])
+    entered = Linear(PLANT, C=sensor.C.tolist(), noise=Gaussian(std=0.0), H=[[2.0], [4.0]])
+    np.testing.assert_array_equal(entered.measure(states, signals), [[8.0, 8.0]])
     values = sensor.observe(0, np.array([1.0, 2.0, 3.0]), np.random.default_rng(0))
     np.testing.assert_array_equal(values, [7.0, 6.0])
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from orchestrator.topology.load import find_problems, load_topology
 from orchestrator.topology.series import SeriesError, read_series
 
 
@@ -41,3 +42,30 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
 def test_a_place_in_a_log_needs_a_topic_and_a_field() -> None:
     with pytest.raises(SeriesError, match="names no field"):
         read_series("run.mcap#truth")
+
+
+SERIES = """
+period_s: 0.1
+steps: 20
+plant: {model: linear, A: [[1.0]], process_noise: {std: 0.1}, initial: {std: 1.0}}
+sensors: {s1: {model: linear, C: [[1.0]], noise: {std: 0.1}}}
+estimators: {e1: {method: kalman}}
+attacks: [{series: {values: pulse.csv}, on: s1->e1}]
+"""
+
+
+def test_a_topology_may_name_a_file_of_rows_and_its_log_holds_the_rows(tmp_path: Path) -> None:
+    (tmp_path / "pulse.csv").write_text("value\n1\n2.5\n")
+    path = tmp_path / "topology.yaml"
+    path.write_text(SERIES)
+    topology = load_topology(path)
+    assert topology.plan.stages[0].kind.parameters["values"] == [[1.0], [2.5]]
+    assert topology.document["attacks"][0]["series"]["values"] == [[1.0], [2.5]]
+
+
+def test_a_file_of_rows_that_is_not_there_is_told_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "topology.yaml"
+    path.write_text(SERIES)
+    ((problem, *_), _) = find_problems(path)
+    assert "pulse.csv cannot be read" in str(problem)
+    assert problem.line == 7

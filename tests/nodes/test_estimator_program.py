@@ -12,7 +12,7 @@ from bus.packets import Packet, inbox
 from bus.plan import EstimatorPlan, Kind, Plan, PlantPlan
 from bus.program import NodeError, run_alone
 from nodes.contract import Belief, Detection
-from nodes.programs import estimator_program
+from nodes.estimator_program import estimator_program
 
 
 class Scripted:

@@ -1,0 +1,123 @@
+"""The Kalman filter with probabilistic data association: fakes, but no signal (Bar-Shalom, Tse 1975)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Interval
+
+from bus.packets import Packet, Vector
+from nodes.contract import Belief, Detection, Setting
+from nodes.estimators.commanded_input import CommandedInput
+from nodes.estimators.gaussian_mixture import Mixture, log_sum, moments
+from nodes.estimators.hybrid_density import injection
+from nodes.estimators.joint_input_state import Linearised, correct
+from nodes.estimators.linear_gaussian import Dynamics, SensorBank
+from nodes.estimators.packet_sets import FakeBox, packet_sets
+
+
+class ProbabilisticDataAssociation:
+    """A Kalman filter that weighs which packet of a sensor is genuine, if any, and keeps one Gaussian.
+
+    Of the n packets of a sensor each is the genuine one with a weight of ``p_d l(y) / (n kappa)``, and none
+    is with ``1 - p_d``; there is no gate. The law after it has the moments of this mixture. Sensors are taken
+    one after the other.
+
+    Parameters
+    ----------
+    setting
+        Linear models.
+    fakes
+        Where fakes are believed to lie: a box, over which their density ``kappa`` is constant.
+    delivery
+        Probability ``p_d`` that the genuine packet arrives.
+
+    Raises
+    ------
+    ValueError
+        When a model is not linear, or a sensor's noise is singular.
+    """
+
+    listens: ClassVar[Literal["paired", "all"]] = "paired"
+    rounds: int = 0
+
+    def __init__(
+        self,
+        setting: Setting,
+        *,
+        fakes: FakeBox,
+        delivery: Annotated[float, Interval(ge=0.0, le=1.0)] = 1.0,
+    ) -> None:
+        self._dynamics = Dynamics(setting)
+        self._models = SensorBank(setting).models
+        self._sizes = {name: len(model.C) for name, model in self._models.items()}
+        self._fakes = {name: fakes.law(size) for name, size in self._sizes.items()}
+        self._delivery = delivery
+        self._input = CommandedInput(setting.plant)
+        self._state = setting.plant.initial_mean
+        self._covariance = setting.plant.initial_covariance
+        self._nis = 0.0
+        self._nis_dof = 0
+        self._detections: list[Detection] = []
+
+    def control(self, step: int, packets: Sequence[Packet]) -> None:
+        """Take the input that was commanded in ``step``, for the prediction that follows."""
+        self._input.take(packets)
+
+    def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
+        """Predict from the step before, then correct by this step's packets; nothing is sent."""
+        if step > 0:
+            self._state = self._dynamics.A.dot(self._state)
+            if self._input.effect is not None:
+                self._state = self._state + self._input.effect
+            self._covariance = self._dynamics.propagate(self._covariance)
+        self._nis, self._nis_dof, self._detections = 0.0, 0, []
+        for source, members in packet_sets(step, packets, self._sizes).items():
+            self._take(source, members)
+        return None
+
+    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
+        """Do nothing: the filter works alone."""
+        return None
+
+    def estimate(self, step: int) -> Belief:
+        """Return state and covariance; NIS is that of the likeliest packet of each sensor."""
+        return Belief(
+            self._state,
+            self._covariance,
+            nis=self._nis,
+            nis_dof=self._nis_dof,
+            detections=self._detections,
+        )
+
+    def _take(self, source: str, members: Sequence[Packet]) -> None:
+        """Correct by the packets of one sensor."""
+        C, R = self._models[source]
+        prior = Mixture(np.zeros(1), self._state[None], self._covariance[None])
+        values = np.array([packet.values for packet in members])
+        found = correct(prior, Linearised(C.dot(self._state)[None], C[None]), R, values, unknown=False)
+        origin = injection(self._delivery, self._fakes[source].log_densities(values))
+        log_weights = np.append(origin.none, origin.genuine + found.log_likelihoods[0])
+        total = log_sum(log_weights)
+        if total == -np.inf:
+            self._detections += [Detection(p.source, p.sequence, 1.0, True) for p in members]
+            return
+        means = np.concatenate((prior.means, self._state + found.innovations[0].dot(found.gain[0].T)))
+        covariances = np.concatenate(
+            (prior.covariances, np.broadcast_to(found.covariances, (len(members), *C.shape[1:] * 2)))
+        )
+        possible = log_weights > -np.inf
+        self._state, self._covariance = moments(
+            Mixture(log_weights[possible], means[possible], covariances[possible])
+        )
+        fake = np.clip(1.0 - np.exp(log_weights[1:] - total), 0.0, 1.0)
+        best = int(log_weights.argmax())
+        if best:
+            self._nis += float(found.nis[0, best - 1])
+            self._nis_dof += len(R)
+        self._detections += [
+            Detection(p.source, p.sequence, one, one > 0.5)
+            for p, one in zip(members, fake.tolist(), strict=True)
+        ]
