@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks import hybrid
 from benchmarks.comparison import Comparison, at_most
 from benchmarks.effort import Effort
-from benchmarks.networks import load_text, network, ring, run_counting
+from benchmarks.networks import load_text, network, ring, run_counting, tanks
 from bus import keys
 from bus.messages import Inbox, Message
 from bus.packets import Packet, packets_of_inbox
@@ -32,6 +32,19 @@ METHODS = {
     "kalman": "{method: kalman}",
     "kalman_centralized, 20 sensors": "{method: kalman_centralized}",
 }
+TANK_METHODS = {
+    "extended_kalman, tanks": "{method: extended_kalman, sensors: [s1]}",
+    "unscented_kalman, tanks": "{method: unscented_kalman, sensors: [s1]}",
+    "particle_fdi as published, 100 particles": (
+        "{method: particle_fdi, sensors: [s1], minimum_attack: 0.28, particles: 100, resampling: none}"
+    ),
+    "particle_fdi, 100 particles": (
+        "{method: particle_fdi, sensors: [s1], minimum_attack: 0.28, particles: 100}"
+    ),
+    "particle_fdi, 10,000 particles": (
+        "{method: particle_fdi, sensors: [s1], minimum_attack: 0.28, particles: 10000}"
+    ),
+}
 
 Job = Callable[[], None]
 
@@ -44,6 +57,8 @@ def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
             for nodes in (LARGE, SMALL)
         )
         methods = {name: _method_plan(Path(folder), text, effort) for name, text in METHODS.items()}
+        steps = effort.steps(_METHOD_STEPS)
+        methods |= {name: load_text(Path(folder), tanks(steps, text)) for name, text in TANK_METHODS.items()}
     samples: dict[str, list[float]] = {name: [] for name in ("large", "small", *methods)}
     for repetition in range(effort.repeats):
         effort.tell(f"node steps, {repetition + 1} of {effort.repeats}")

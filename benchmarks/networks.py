@@ -58,6 +58,22 @@ attacks: {attacks}
 """
 
 
+def tanks(steps: int, estimator: str) -> str:
+    """Return the tanks of Sadeghzadeh-Nokhodberiz 2022 with one estimator behind an attacked link."""
+    return f"""\
+name: benchmark
+period_s: 1.0
+steps: {steps}
+plant: {{model: quadruple_tank}}
+sensors:
+  s1: {{model: linear, C: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], noise: {{std: 0.0316}}}}
+estimators:
+  e1: {estimator}
+attacks:
+  - {{converging_bias: {{target: 0.5}}, on: s1->e1}}
+"""
+
+
 def load_text(folder: Path, text: str) -> Plan:
     """Return the plan of a topology text, written into a folder."""
     path = folder / "topology.yaml"

@@ -15,6 +15,12 @@ import numpy as np
 
 from bus.packets import Packet, Vector
 
+ORACLE = "oracle"
+"""The kind of a packet that holds what an adversary adds to a sensor's measurement (m,), whenever it does.
+
+``source`` is the sensor. Only an estimator that was granted the privilege receives such packets.
+"""
+
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
@@ -59,6 +65,34 @@ class ControlledPlant(LinearPlant, Protocol):
     B: Matrix
 
 
+@runtime_checkable
+class NonlinearPlant(Plant, Protocol):
+    """A plant ``x+ = f(x) + w`` with zero-mean ``w`` of covariance ``Q``: what Kalman-type filters need."""
+
+    Q: Matrix
+
+    def transition(self, states: Matrix) -> Matrix:
+        """Return ``f`` (N, n) of each of N states (N, n)."""
+        ...
+
+    def jacobian(self, state: Vector) -> Matrix:
+        """Return the derivative (n, n) of ``f`` at a state (n,)."""
+        ...
+
+
+@runtime_checkable
+class SampledPlant(Plant, Protocol):
+    """A plant of any law that can be drawn from: what particle filters need."""
+
+    def sample_initial(self, number: int, rng: np.random.Generator) -> Matrix:
+        """Draw states (number, n) of step 0."""
+        ...
+
+    def sample(self, states: Matrix, rng: np.random.Generator) -> Matrix:
+        """Draw a successor (N, n) of each of N states (N, n), with as many draws whatever they are."""
+        ...
+
+
 class Sensor(Protocol):
     """A sensor's model. A kind is constructed as ``Kind(plant, **parameters)``."""
 
@@ -78,6 +112,37 @@ class LinearSensor(Sensor, Protocol):
     R: Matrix
 
 
+@runtime_checkable
+class NonlinearSensor(Sensor, Protocol):
+    """A sensor ``y = g(x) + v`` with zero-mean ``v`` of covariance ``R``: what Kalman-type filters need."""
+
+    R: Matrix
+
+    def measure(self, states: Matrix, signals: Matrix | None = None) -> Matrix:
+        """Return ``g`` (N, m) of each of N states (N, n), and of an attack's signals (N, q) if it has any."""
+        ...
+
+    def jacobian(self, state: Vector) -> Matrix:
+        """Return the derivative (m, n) of ``g`` at a state (n,)."""
+        ...
+
+
+@runtime_checkable
+class LikelihoodSensor(Sensor, Protocol):
+    """A sensor of any law whose likelihood is known: what particle filters need."""
+
+    def measure(self, states: Matrix, signals: Matrix | None = None) -> Matrix:
+        """Return the measurement without noise (N, m) of each of N states (N, n)."""
+        ...
+
+    def log_likelihood(self, values: Vector, predicted: Matrix) -> Vector:
+        """Return the log density (N,) of a measurement (m,) around each of N others (N, m).
+
+        A constant may be left out.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class Setting:
     """What an estimator is told of the world: models, never states."""
@@ -91,6 +156,8 @@ class Setting:
     """The estimators that send to it, with the graph's weight ``h_ij`` of each."""
     rng: np.random.Generator
     """Its own random stream."""
+    told_attacks: bool = False
+    """Whether the topology grants it the truth about the attacks on its measurements, as `ORACLE` packets."""
 
 
 class Detection(msgspec.Struct, frozen=True):

@@ -39,6 +39,7 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
             {
                 "linear": "nodes.plants.linear:Linear",
                 "constant_acceleration": "nodes.plants.constant_acceleration:ConstantAcceleration",
+                "quadruple_tank": "nodes.plants.quadruple_tank:QuadrupleTank",
                 "linear_benchmark": "nodes.plants.linear_benchmark:LinearBenchmark",
                 "swing_network": "nodes.plants.swing_network:SwingNetwork",
                 "ieee14": "nodes.plants.ieee14:Ieee14",
@@ -47,6 +48,8 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
         "sensors": MappingProxyType(
             {
                 "linear": "nodes.sensors.linear:Linear",
+                "student_t": "nodes.sensors.student_t:StudentT",
+                "tank_outflow": "nodes.sensors.tank_outflow:TankOutflow",
                 "innovation": "nodes.sensors.innovation:Innovation",
             }
         ),
@@ -54,6 +57,11 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
             {
                 "kalman": "nodes.estimators.kalman:Kalman",
                 "kalman_centralized": "nodes.estimators.kalman_centralized:KalmanCentralized",
+                "extended_kalman": "nodes.estimators.extended_kalman:ExtendedKalman",
+                "unscented_kalman": "nodes.estimators.unscented_kalman:UnscentedKalman",
+                "particle": "nodes.estimators.particle:Particle",
+                "particle_fdi": "nodes.estimators.particle_fdi:ParticleFdi",
+                "particle_unweighted": "nodes.estimators.particle_unweighted:ParticleUnweighted",
                 "innovation_kalman": "nodes.estimators.innovation_kalman:InnovationKalman",
                 "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
                 "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",

@@ -211,14 +211,14 @@ class AttackModel:
             )
         if dpotrf(sensor.R)[1] != 0:
             raise ValueError(f"{self._name}: sensor {name} has singular noise; give it a positive std")
-        if rule != "linear" and isinstance(sensor, SmoothSensor):
-            return SmoothMap(sensor.measure, sensor.R, self.q, rule)
-        if not isinstance(sensor, LinearSensor):
+        if isinstance(sensor, LinearSensor):
+            return self._map(rule, sensor.C, self._entry("H", sensor, len(sensor.C)), sensor.R)
+        if rule == "linear":
             raise ValueError(
                 f"{self._name}: sensor {name} ({type(sensor).__name__}) is not linear; use moments 'ekf' or "
                 "'ukf'"
             )
-        return self._map(rule, sensor.C, self._entry("H", sensor, len(sensor.C)), sensor.R)
+        return SmoothMap(sensor.measure, sensor.R, self.q, rule)
 
     def _map(self, rule: MomentRule, A: Matrix, G: Matrix, noise: Matrix) -> Map:
         """Return a linear map; under a rule for others it runs through the same code as they do."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from bus.packets import Packet, Vector
 from nodes.contract import LinearPlant, LinearSensor, Matrix, Setting
+from nodes.estimators.arrivals import measurements
 from nodes.lapack import dpotrf, dtrtrs
 
 
@@ -68,11 +69,7 @@ class SensorBank:
                     f"{setting.name}: sensor {name} ({type(sensor).__name__}) is not linear; "
                     "use a linear sensor, or a method for non-linear ones"
                 )
-            if getattr(sensor, "sends_innovations", False):
-                raise ValueError(
-                    f"{setting.name}: sensor {name} sends innovations, not measurements; "
-                    "use the method innovation_kalman for it"
-                )
+            refuse_innovations(setting, name)
             if dpotrf(sensor.R)[1] != 0:
                 raise ValueError(f"{setting.name}: sensor {name} has singular noise; give it a positive std")
             self.models[name] = Measurement(np.ascontiguousarray(sensor.C), np.ascontiguousarray(sensor.R))
@@ -81,17 +78,8 @@ class SensorBank:
         """The joint model of the sensors named, whose noises are independent."""
 
     def measurements(self, step: int, packets: Sequence[Packet]) -> Sequence[Packet]:
-        """Return the packets that measure the state of ``step`` and fit their sensor's model.
-
-        A packet sent in an earlier step measured an earlier state: none of the methods here can use it as it
-        is. Copies of one packet count once. Packets of one sensor that differ all count: which of them is
-        genuine is for the method to judge.
-        """
-        size_of = self._sizes.get
-        fitting = [p for p in packets if p.sent_step == step and p.values.size == size_of(p.source)]
-        if len({packet.source for packet in fitting}) == len(fitting):
-            return fitting
-        return list({(p.source, p.sequence, p.values.tobytes()): p for p in fitting}.values())
+        """Return the packets that measure the state of ``step`` and fit their sensor's model."""
+        return measurements(step, packets, self._sizes)
 
     def stack(self, packets: Sequence[Packet]) -> tuple[Measurement, Vector]:
         """Return the joint model and measurement of at least one packet, in the order of the packets."""
@@ -111,6 +99,15 @@ class SensorBank:
             R[begin:end, begin:end] = model.R
             begin = end
         return Measurement(C, R)
+
+
+def refuse_innovations(setting: Setting, name: str) -> None:
+    """Raise ValueError when a sensor sends innovations, which only one method can use."""
+    if getattr(setting.sensors[name], "sends_innovations", False):
+        raise ValueError(
+            f"{setting.name}: sensor {name} sends innovations, not measurements; "
+            "use the method innovation_kalman for it"
+        )
 
 
 class Correction(NamedTuple):

@@ -9,10 +9,10 @@ import numpy as np
 from bus.packets import Vector
 from nodes.contract import Matrix
 from nodes.gaussian import Gaussian
-from nodes.linear_algebra import square_root
+from nodes.plants.additive import Additive
 
 
-class Linear:
+class Linear(Additive):
     """A plant ``x+ = A x + B u + G a + w`` with ``w ~ N(0, Q)`` and ``x_0 ~ N(mean, covariance)``.
 
     The input ``u`` (p,) comes from a controller, and ``a`` (q,) is an attack's signal; without ``B`` and
@@ -57,27 +57,22 @@ class Linear:
         G: list[list[float]] | None = None,
         holds_input: bool = False,
     ) -> None:
-        if not period_s > 0.0:
-            raise ValueError(f"period_s is {period_s}; give a positive sampling period in seconds")
-        self.period_s = period_s
         self.A: Matrix = _square_matrix(A)
         n = len(self.A)
-        if process_noise.mean is not None and any(process_noise.mean):
-            raise ValueError("process_noise must have mean zero; leave the mean out")
-        self.Q: Matrix = process_noise.covariance_matrix(n)
-        self.initial_mean: Vector = initial.mean_vector(n)
-        self.initial_covariance: Matrix = initial.covariance_matrix(n)
+        super().__init__(period_s, process_noise, initial.mean_vector(n), initial.covariance_matrix(n))
         self.state_groups: Mapping[str, Sequence[int]] = _checked_groups(state_groups, n)
         self.B: Matrix = _columns("B", B, n)
         self.G: Matrix = _columns("G", G, n)
         self.holds_input = holds_input
-        self._noise_factor = square_root(self.Q)
-        self._initial_factor = square_root(self.initial_covariance)
 
-    def initial_state(self, rng: np.random.Generator) -> Vector:
-        """Draw the state (n,) of step 0."""
-        state: Vector = self.initial_mean + self._initial_factor.dot(rng.standard_normal(len(self.A)))
-        return state
+    def transition(self, states: Matrix) -> Matrix:
+        """Return ``A x`` (N, n) of each of N states (N, n)."""
+        moved: Matrix = self.A.dot(states.T).T
+        return moved
+
+    def jacobian(self, state: Vector) -> Matrix:
+        """Return ``A`` (n, n)."""
+        return self.A
 
     def advance(
         self,

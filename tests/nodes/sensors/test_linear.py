@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from nodes.contract import LinearSensor
+from nodes.contract import LikelihoodSensor, LinearSensor, NonlinearSensor
 from nodes.gaussian import Gaussian
 from nodes.plants.constant_acceleration import ConstantAcceleration
 from nodes.sensors.linear import Linear
@@ -13,7 +13,13 @@ FALSE_ALARM = 1e-6
 
 def test_without_noise_it_measures_by_its_matrix_alone():
     sensor = Linear(PLANT, C=[[1.0, 0.0, 2.0], [0.0, 3.0, 0.0]], noise=Gaussian(std=0.0))
-    assert isinstance(sensor, LinearSensor)
+    for protocol in (LinearSensor, NonlinearSensor, LikelihoodSensor):
+        assert isinstance(sensor, protocol)
+    states, signals = np.array([[1.0, 2.0, 3.0]]), np.array([[0.5]])
+    np.testing.assert_array_equal(sensor.measure(states), [[7.0, 6.0]])
+    np.testing.assert_array_equal(sensor.measure(states, signals), [[7.0, 6.0]])
+    entered = Linear(PLANT, C=sensor.C.tolist(), noise=Gaussian(std=0.0), H=[[2.0], [4.0]])
+    np.testing.assert_array_equal(entered.measure(states, signals), [[8.0, 8.0]])
     values = sensor.observe(0, np.array([1.0, 2.0, 3.0]), np.random.default_rng(0))
     np.testing.assert_array_equal(values, [7.0, 6.0])
 

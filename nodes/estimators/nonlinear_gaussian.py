@@ -1,0 +1,109 @@
+"""What the Kalman-type filters of nonlinear models share: the models, and the common course of a step."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from bus.packets import Packet, Vector
+from nodes.contract import Belief, Matrix, NonlinearPlant, NonlinearSensor, Setting
+from nodes.estimators.arrivals import measurements
+from nodes.estimators.commanded_input import CommandedInput
+from nodes.estimators.linear_gaussian import refuse_innovations
+from nodes.lapack import dpotrf
+
+
+def nonlinear_plant(setting: Setting) -> NonlinearPlant:
+    """Return the setting's plant; raises ValueError when it has no transition, or no Jacobian of it."""
+    if not isinstance(setting.plant, NonlinearPlant):
+        raise ValueError(
+            f"{setting.name}: plant {type(setting.plant).__name__} has no 'transition', 'jacobian' and 'Q'; "
+            "use a plant that satisfies NonlinearPlant"
+        )
+    return setting.plant
+
+
+def nonlinear_sensors(setting: Setting) -> dict[str, NonlinearSensor]:
+    """Return the setting's sensors; raises ValueError for one without a model, or with singular noise."""
+    models: dict[str, NonlinearSensor] = {}
+    for name, sensor in setting.sensors.items():
+        if not isinstance(sensor, NonlinearSensor):
+            raise ValueError(
+                f"{setting.name}: sensor {name} ({type(sensor).__name__}) has no 'measure', 'jacobian' and "
+                "'R'; use a sensor that satisfies NonlinearSensor"
+            )
+        refuse_innovations(setting, name)
+        if dpotrf(sensor.R)[1] != 0:
+            raise ValueError(f"{setting.name}: sensor {name} has singular noise; give it a positive std")
+        models[name] = sensor
+    return models
+
+
+class NonlinearKalman(ABC):
+    """A filter that keeps a mean and a covariance, and takes the packets of a step jointly.
+
+    The prior of step 0 is the plant's initial law. A step without packets only predicts, and a packet sent
+    in an earlier step is not used. A commanded input adds ``B u`` to the prediction, as for `Kalman`.
+    """
+
+    listens: ClassVar[Literal["paired", "all"]] = "paired"
+    rounds: int = 0
+
+    def __init__(self, setting: Setting) -> None:
+        self._plant = nonlinear_plant(setting)
+        self._sensors = nonlinear_sensors(setting)
+        self._input = CommandedInput(setting.plant)
+        self._sizes = {name: len(sensor.R) for name, sensor in self._sensors.items()}
+        self._state = setting.plant.initial_mean
+        self._covariance = setting.plant.initial_covariance
+        self._nis = 0.0
+        self._nis_dof = 0
+
+    @abstractmethod
+    def _predict(self) -> None:
+        """Move the mean and the covariance one step."""
+
+    @abstractmethod
+    def _update(self, packets: Sequence[Packet]) -> None:
+        """Correct by at least one packet of this step, and set the NIS and its degrees of freedom."""
+
+    def control(self, step: int, packets: Sequence[Packet]) -> None:
+        """Take the input that was commanded in ``step``, for the prediction that follows."""
+        self._input.take(packets)
+
+    def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
+        """Predict from the step before, then correct by this step's measurements; nothing is sent."""
+        if step > 0:
+            self._predict()
+            if self._input.effect is not None:
+                self._state = self._state + self._input.effect
+        self._nis, self._nis_dof = 0.0, 0
+        current = measurements(step, packets, self._sizes)
+        if current:
+            self._update(current)
+        return None
+
+    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
+        """Do nothing: the filter works alone."""
+        return None
+
+    def estimate(self, step: int) -> Belief:
+        """Return the filtered state and its error covariance, which is approximate."""
+        return Belief(self._state, self._covariance, nis=self._nis, nis_dof=self._nis_dof)
+
+
+def block_diagonal(blocks: Sequence[Matrix]) -> Matrix:
+    """Return the matrix of blocks, which are square, along the diagonal."""
+    if len(blocks) == 1:
+        return blocks[0]
+    size = sum(len(block) for block in blocks)
+    whole = np.zeros((size, size))
+    begin = 0
+    for block in blocks:
+        end = begin + len(block)
+        whole[begin:end, begin:end] = block
+        begin = end
+    return whole
