@@ -77,7 +77,7 @@ def test_an_attacked_estimator_far_off_the_usual_is_not_said_to_keep_tracking(ma
 
 
 def test_an_estimator_far_off_what_it_believes_is_not_said_to_keep_tracking(make_plan, recorder):
-    """With every step under attack there is no usual error; its own covariance still says what it believes."""
+    """With every step under attack there is no usual error; its own covariance still tells."""
     for step in range(10):
         recorder.truth(step, [0.0])
         recorder.inbox("e1", step, [("s1", step)])
