@@ -33,15 +33,8 @@ class _TrustedDraft(Draft):
         return CheckedKind(found, stated, stated)
 
 
-def topology_from_experiment(experiment: bytes) -> Topology:
-    """Return the topology that `Topology.experiment_json` wrote.
-
-    Its plan names each kind as the topology does and holds plain parameters: it tells everything about a run,
-    and is not for running. Nothing of the user's own code is loaded. Raises ValueError when the JSON is
-    something else.
-    """
-    content = json.loads(experiment)
-    file = TopologyFile.model_validate_json(json.dumps(content["topology"]))
+def _draft_of(file: TopologyFile) -> _TrustedDraft:
+    """Return a draft of a logged topology, in which its nodes' names can be looked up."""
     origin = Origin(LOGGED.name, 0, LOGGED.parent)
     sections = {key: getattr(file, key) for key in TopologyFile.model_fields}
     nodes: dict[str, Iterable[str]] = {
@@ -56,13 +49,12 @@ def topology_from_experiment(experiment: bytes) -> Topology:
         },
         origin,
     )
-    draft = _TrustedDraft(root, Problems(), sections=sections)
-    listens = {name: list(own.sensors or ()) for name, own in file.estimators.items()}
-    neighbours: dict[str, dict[str, float]] = {name: {} for name in file.estimators}
-    for source, destination, weight in file.graph.edges if file.graph and file.graph.edges else ():
-        neighbours[str(destination)][str(source)] = float(weight)
-    wiring = Wiring(neighbours, content["rounds"])
-    kinds = Kinds(
+    return _TrustedDraft(root, Problems(), sections=sections)
+
+
+def _kinds_of(file: TopologyFile, draft: _TrustedDraft) -> Kinds:
+    """Return the kinds of a logged topology, as they stand in it."""
+    return Kinds(
         draft.check_kind("plants", file.plant.model, (), (), file.plant.parameters),
         {
             name: draft.check_kind("sensors", own.model, (), (), own.parameters)
@@ -79,6 +71,29 @@ def topology_from_experiment(experiment: bytes) -> Topology:
         declared_attacks(draft),
         declared_channels(draft),
     )
+
+
+def _neighbours_of(file: TopologyFile) -> dict[str, dict[str, float]]:
+    """Return the in-neighbours of each estimator with their weights."""
+    neighbours: dict[str, dict[str, float]] = {name: {} for name in file.estimators}
+    for source, destination, weight in file.graph.edges if file.graph and file.graph.edges else ():
+        neighbours[str(destination)][str(source)] = float(weight)
+    return neighbours
+
+
+def topology_from_experiment(experiment: bytes) -> Topology:
+    """Return the topology that `Topology.experiment_json` wrote.
+
+    Its plan names each kind as the topology does and holds plain parameters: it tells everything about a run,
+    and is not for running. Nothing of the user's own code is loaded. Raises ValueError when the JSON is
+    something else.
+    """
+    content = json.loads(experiment)
+    file = TopologyFile.model_validate_json(json.dumps(content["topology"]))
+    draft = _draft_of(file)
+    listens = {name: list(own.sensors or ()) for name, own in file.estimators.items()}
+    wiring = Wiring(_neighbours_of(file), content["rounds"])
+    kinds = _kinds_of(file, draft)
     heard_by = {name: own.estimator for name, own in file.controllers.items()}
     links = [
         f"{source}->{destination}" for source, destination, _ in links_between(listens, wiring, heard_by)
