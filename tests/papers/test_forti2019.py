@@ -296,10 +296,17 @@ def test_altered_loads_are_found_at_once_and_angles_frequencies_and_loads_are_tr
 def test_without_feedthrough_an_attack_is_found_one_step_later_whenever_the_packet_arrives(
     campaign: Campaigns, trials: int
 ) -> None:
+    """Found in every run; before the onset, noise may look like an attack once in a thousand steps."""
+    false_alarms = steps = 0
     for run in campaign("ieee14_no_feedthrough", 4 * trials):
         attacked = np.arange(1, 101) > 50
-        np.testing.assert_array_equal((run.r() > 0.5)[1:][run.genuine[1:]], attacked[:-1][run.genuine[1:]])
+        found, expected = (run.r() > 0.5)[1:][run.genuine[1:]], attacked[:-1][run.genuine[1:]]
+        assert np.all(found[expected])
+        false_alarms += int(found[~expected].sum())
+        steps += int((~expected).sum())
         assert np.all(run.diagnostics["e1"]["attack_step"] == np.arange(-1, 99))
+    print(f"\n{false_alarms} false alarms in {steps} steps before the onset")
+    assert false_alarms <= 1e-3 * steps
 
 
 @trials
