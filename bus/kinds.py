@@ -40,7 +40,9 @@ def _module_of_file(path: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:
         del sys.modules[name]
-        raise KindError(f"{path} cannot be imported: {type(error).__name__}: {error}") from error
+        alone = "; a file stands alone: put what it needs into it, or install that as a package"
+        cure = alone if isinstance(error, ModuleNotFoundError) else ""
+        raise KindError(f"{path} cannot be imported: {type(error).__name__}: {error}{cure}") from error
     return module
 
 

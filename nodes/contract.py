@@ -193,6 +193,9 @@ class Estimator(Protocol):
     Each step calls, in order: `correct` once, `exchange` ``rounds`` times, `estimate` once. A payload that is
     returned goes to all neighbours through the channel; None is a quiet slot. Payloads are (m,) arrays whose
     layout is the method's own. A lost packet is simply not in ``packets``.
+
+    One that predicts with the plant's input has a further method ``control(step, packets)``: before `correct`
+    of the step after, it is given what controllers commanded in ``step``.
     """
 
     rounds: int

@@ -142,6 +142,13 @@ BAD: dict[str, Bad] = {
         10,
         files={"mine.py": "class\n"},
     ),
+    "file that needs another": Bad(
+        "secure_distributed",
+        "./mine.py:Mine",
+        ("No module named 'yours'", "a file stands alone"),
+        10,
+        files={"mine.py": "import yours\n", "yours.py": ""},
+    ),
     "no such module": Bad("secure_distributed", "no_such_module:Mine", ("cannot be imported",), 10),
     # What only the classes know
     "ragged matrix": Bad("C: [[1.0, 0.0, 0.0]]", "C: [[1.0, 0.0], [1.0]]", ("rows of lengths [2, 1]",), 8),
