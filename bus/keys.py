@@ -67,6 +67,11 @@ def finished(node: str) -> str:
     return f"control/finished/{node}"
 
 
+def departed(node: str) -> str:
+    """Return the topic of the orchestrator's note to itself that a process is gone and said all it will."""
+    return f"control/departed/{node}"
+
+
 def alive(node: str) -> str:
     """Return the liveliness key of a process."""
     return f"alive/{node}"

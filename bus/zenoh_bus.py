@@ -120,12 +120,21 @@ class Router:
             allowed_destination=zenoh.Locality.REMOTE,
         )
 
+    def tell_self(self, key: str, payload: bytes) -> None:
+        """Put a message behind all those that have come so far, for the router's own subscription alone."""
+        self._session.put(key, payload, allowed_destination=zenoh.Locality.SESSION_LOCAL)
+
     def wait_alive(self, keys: Collection[str], timeout_s: float) -> set[str]:
         """Wait until the clients have announced themselves with all of `keys`; return the missing ones."""
         wanted = frozenset(keys)
         with self._changed:
             self._changed.wait_for(lambda: wanted <= self._alive, timeout_s)
             return set(wanted - self._alive)
+
+    def wait_gone(self, key: str, timeout_s: float) -> bool:
+        """Wait until the link of the client that announced itself with `key` has ended; return whether."""
+        with self._changed:
+            return self._changed.wait_for(lambda: key not in self._alive, timeout_s)
 
     def close(self) -> None:
         """End all links and remove the socket; a second call does nothing."""

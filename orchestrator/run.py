@@ -150,10 +150,10 @@ def _conclude(recorder: Recorder, writer: LogWriter, log: Path) -> tuple[Score, 
     try:
         recorder.write_partial_steps()
         writer.flush()
-        result = score_of_log(log)
+        result = score_of_log(log, recorder.departed)
         writer.finish(recorder.outcome(), result.to_json())
     except LogError as error:
-        return score_of_log(log), str(error)
+        return score_of_log(log, recorder.departed), str(error)
     return result, ""
 
 

@@ -19,11 +19,13 @@ class RunSettings:
     """How a run is carried out; nothing of it enters the log.
 
     ``window`` is the number of steps that the plant may lead what is recorded; ``stall_s`` how long nothing
-    may be recorded before the run is given up.
+    may be recorded before the run is given up. ``outlived`` are the nodes whose death ends no run of many
+    processes: the others go on without them.
     """
 
     window: int = 32
     stall_s: float = 30.0
+    outlived: frozenset[str] = frozenset()
 
 
 class RunFailedError(RuntimeError):

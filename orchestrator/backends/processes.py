@@ -20,6 +20,7 @@ from bus.plan import Plan
 from bus.process import Membership, rounds_of_topics
 from bus.zenoh_bus import BusError, Router
 from orchestrator.backends.contract import Progress, RunFailedError, RunSettings, Timing
+from orchestrator.backends.departures import Departures, dependents
 from orchestrator.backends.fleet import Fleet, is_stopped
 from orchestrator.backends.proof import prove_the_rules
 from orchestrator.log.order import canonical_topics, wait_chain
@@ -68,6 +69,9 @@ class ProcessRun:
             for topic in canonical_topics(plan)
         }
         self._finished: set[str] = set()
+        self._leaving: set[str] = set()
+        self._departures = Departures(plan, recorder)
+        self._departed_topics: frozenset[str] = frozenset()
         self._decode_finished = decoder(Finished).decode
         self._moved = time.monotonic()
         self._over = threading.Event()
@@ -87,7 +91,7 @@ class ProcessRun:
                     self._wait_until_alive(router, fleet)
                     router.put(self._prefix + keys.START, b"{}")
                     self._moved = time.monotonic()
-                    self._look_after_all(fleet)
+                    self._look_after_all(router, fleet)
                     router.put(self._prefix + keys.STOP, b"{}")
                     fleet.wait_for_all(_JOIN_S, without=self._doomed)
                 finally:
@@ -107,9 +111,10 @@ class ProcessRun:
                 names = ", ".join(sorted(alive[key] for key in missing))
                 raise RunFailedError(f"not on the bus after {self._settings.stall_s:g} s: {names}")
 
-    def _look_after_all(self, fleet: Fleet) -> None:
+    def _look_after_all(self, router: Router, fleet: Fleet) -> None:
         """Wait until all is recorded and all have said their last words; raise what goes wrong."""
         while not self._over.wait(_LOOK_EVERY_S):
+            self._let_the_dead_go(router, fleet)
             self._refuse_failures(fleet)
             self._refuse_a_stall(fleet)
         if self._fault is not None:
@@ -125,9 +130,11 @@ class ProcessRun:
         try:
             known = self._turnstiles.get(key)
             if known is None:
-                self._take_other(key, payload)
+                self._take_other(router, key, payload)
                 return
             topic, admit = known
+            if topic in self._departed_topics:
+                return
             message = admit(payload)
             if message is not None:
                 recorded = self._recorder.store(topic, getattr(message, "round", 0), message.step, payload)
@@ -137,13 +144,32 @@ class ProcessRun:
             self._fault = error
             self._over.set()
 
-    def _take_other(self, key: str, payload: bytes) -> None:
-        """Note a process's last words; anything else is refused and counted."""
+    def _take_other(self, router: Router, key: str, payload: bytes) -> None:
+        """Note a process's last words, or that it is gone; anything else is refused and counted."""
         topic = key.removeprefix(self._prefix)
-        if topic.startswith("control/"):
+        name = topic.rpartition("/")[2]
+        if topic == keys.departed(name):
+            self._take_leave(router, name)
+        elif topic.startswith("control/"):
             self._take_last_words(topic, payload)
         elif (message := self._intake.admit(topic, payload)) is not None:
             self._recorder.store(topic, getattr(message, "round", 0), message.step, payload)
+
+    def _take_leave(self, router: Router, name: str) -> None:
+        """Go on without a node of which everything that it sent is recorded."""
+        for gone in dependents(self._plan, name):
+            self._departures.note(gone)
+            self._doomed.add(gone)
+        self._departed_topics = self._departures.topics
+        if self._recorder.steps_recorded > self._recorded:
+            self._note_progress(router, self._recorder.steps_recorded)
+        else:
+            self._speak_for_the_departed(router)
+            self._end_when_done()
+
+    def _speak_for_the_departed(self, router: Router) -> None:
+        for topic, slot in self._departures.due(self._recorded + self._settings.window):
+            router.put(self._prefix + topic, encode(slot))
 
     def _note_progress(self, router: Router, recorded: int) -> None:
         self._recorded = recorded
@@ -154,6 +180,8 @@ class ProcessRun:
             self._credited = recorded
             for topic in self._credits:
                 router.put(topic, encode(Credit(steps_recorded=recorded)))
+        if self._departed_topics:
+            self._speak_for_the_departed(router)
         self._end_when_done()
 
     def _take_last_words(self, topic: str, payload: bytes) -> None:
@@ -184,10 +212,21 @@ class ProcessRun:
         if refused:
             self.timing.rejected["recorder"] = dict(refused)
 
+    def _let_the_dead_go(self, router: Router, fleet: Fleet) -> None:
+        """Note the dead that the topology lets the others outlive, once all is in that they ever sent.
+
+        The note goes the way of all messages, so that it is read after the last of theirs.
+        """
+        for name in fleet.failed():
+            if name in self._settings.outlived and name not in self._finished | self._leaving | self._doomed:
+                self._leaving.add(name)
+                router.wait_gone(self._prefix + keys.alive(name), self._settings.stall_s)
+                router.tell_self(self._prefix + keys.departed(name), b"{}")
+
     def _refuse_failures(self, fleet: Fleet) -> None:
         """Raise `RunFailedError` for the first process that ended before it was done."""
         for name, code in fleet.failed().items():
-            if name in self._finished or (name in self._doomed and code == -signal.SIGKILL):
+            if name in self._finished | self._leaving or (name in self._doomed and code == -signal.SIGKILL):
                 continue
             how = f"was killed by signal {-code}" if code < 0 else "failed"
             at = self._recorder.steps_recorded

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Iterable
+from bisect import bisect_right, insort
+from collections.abc import Iterable, Mapping
 from typing import Protocol
 
 from bus.plan import Plan
 from orchestrator.log.errors import LogError
-from orchestrator.log.order import Slot, canonical_order, silent_from
+from orchestrator.log.order import Slot, canonical_order, owner, silent_from
 
 OTHER = "(other topics)"
 """Where rejected messages are counted when too many unknown topics were seen already."""
 _MAX_COUNTED_TOPICS = 1000
 
 
+_DEPARTED = "departed."
+
+
 def outcome_facts(steps_recorded: int, steps: int) -> dict[str, str]:
     """Return what a log says at its end about how much of its plan it holds."""
     return {"complete": str(steps_recorded == steps).lower(), "steps_recorded": str(steps_recorded)}
+
+
+def departures(outcome: Mapping[str, str]) -> dict[str, int]:
+    """Return the first silent step of each node that died though no plan had it so, from a log's outcome."""
+    return {
+        key.removeprefix(_DEPARTED): int(step) for key, step in outcome.items() if key.startswith(_DEPARTED)
+    }
 
 
 class StepWriter(Protocol):
@@ -61,6 +71,8 @@ class Recorder:
         self._open: dict[int, _Step] = {}
         self.steps_recorded = 0
         self.rejected: dict[str, int] = {}
+        self.departed: dict[str, int] = {}
+        """The first step without some message of each node that `expect_no_more_of`."""
 
     @property
     def complete(self) -> bool:
@@ -111,6 +123,29 @@ class Recorder:
         slots = zip(self._topics, step.payloads, strict=True)
         self._writer.write_step(number, [(topic, payload) for topic, payload in slots if payload is not None])
 
+    def expect_no_more_of(self, node: str) -> dict[Slot, int]:
+        """Let a node be silent after what has come of it; return the first step that lacks each message.
+
+        The messages of each slot must have come in the order of their steps. Steps that waited for the node
+        alone are written.
+        """
+        lacking: dict[Slot, int] = {}
+        for index, slot in enumerate(self._slots):
+            if owner(slot.topic) != node:
+                continue
+            before = self._silent.get(index, self._steps)
+            step = self.steps_recorded
+            while step in self._open and self._open[step].payloads[index] is not None:
+                step += 1
+            lacking[slot] = self._silent[index] = min(step, before)
+            self._silent_from.remove(before)
+            insort(self._silent_from, self._silent[index])
+            for number, open_step in self._open.items():
+                open_step.missing -= step <= number < before
+        self.departed[node] = min(lacking.values(), default=self._steps)
+        self._write_whole_steps()
+        return lacking
+
     def missing(self) -> tuple[Slot, ...]:
         """Return what the lowest incomplete step lacks, in canonical order; nothing when all is recorded."""
         if self.complete:
@@ -137,4 +172,5 @@ class Recorder:
 
     def outcome(self) -> dict[str, str]:
         """Return what the log shall say at its end about how much of its plan it holds."""
-        return outcome_facts(self.steps_recorded, self._steps)
+        gone = {f"{_DEPARTED}{node}": str(step) for node, step in sorted(self.departed.items())}
+        return {**outcome_facts(self.steps_recorded, self._steps), **gone}

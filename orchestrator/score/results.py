@@ -90,7 +90,8 @@ class NodeScore(Result, frozen=True, kw_only=True):
     """One estimator; ``method`` is the name of its class, ``divergence_step`` None when it never diverged.
 
     ``steps_scored`` counts published estimates, and ``complete`` says that none is missing. ``silent_from``
-    is the step from which on the topology lets the node be silent (a crash or a hang), None when it does not.
+    is the step from which on the node may be silent (a crash or a hang of the topology, or a death that the
+    others were to outlive), None when it may not.
     ``attacked_steps`` counts steps in which an attacked packet reached it, or an attack the
     plant. ``nees_undefined`` counts
     estimates, from `from_step` on and before any divergence, whose covariance is absent or not positive
@@ -253,8 +254,9 @@ class Outcome(Result, frozen=True, kw_only=True):
 class Score(Result, frozen=True, kw_only=True):
     """The whole score of one run. ``complete`` says that every step of truth and of every estimator is there.
 
-    ``passed`` says that the run is complete and every expectation held. ``unmatched_verdicts`` counts
-    verdicts on packets that the channel never delivered.
+    ``passed`` says that the run is complete and every expectation held. ``departed`` tells from which step on
+    a node was silent that died though the topology did not have it so, and that the others outlived.
+    ``unmatched_verdicts`` counts verdicts on packets that the channel never delivered.
     """
 
     name: str
@@ -265,6 +267,7 @@ class Score(Result, frozen=True, kw_only=True):
     options: ScoreOptions
     complete: bool
     passed: bool
+    departed: dict[str, int] = {}
     nodes: list[NodeScore]
     networks: list[NetworkScore]
     links: list[LinkScore]

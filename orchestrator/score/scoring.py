@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
 import numpy as np
 
 from bus.messages import Message
-from bus.plan import Plan
+from bus.plan import FaultPlan, Plan
 from orchestrator.score.accuracy import (
     Errors,
     find_errors,
@@ -127,6 +128,7 @@ def score(
     state_groups: Mapping[str, Sequence[int]],
     options: ScoreOptions | None = None,
     expectations: Sequence[Expectation] = (),
+    departed: Mapping[str, int] | None = None,
 ) -> Score:
     """Return the score of a run.
 
@@ -143,6 +145,9 @@ def score(
         What to count and what to call diverged or locked out; None for `ScoreOptions` as it is.
     expectations
         What to hold against the score.
+    departed
+        The first silent step of each node that died though the plan did not have it so, and that the others
+        outlived: what it owed from there on is not missed.
 
     Raises
     ------
@@ -150,9 +155,12 @@ def score(
         The record cannot belong to the plan, or an expectation names a metric that does not exist.
     """
     options = options or ScoreOptions()
+    deaths = dict(departed or {})
+    ends = [FaultPlan(node, "crash", step) for node, step in deaths.items()]
+    plan = dataclasses.replace(plan, faults=(*plan.faults, *ends))
     gathered = gather(plan, records)
     errors = find_errors(gathered.estimates, state_groups, options.divergence_bound)
     measured = _measured(plan, gathered, judge(plan, gathered), errors, options)
     outcomes = judge_expectations(measured, expectations, state_groups)
     passed = measured.complete and all(outcome.passed for outcome in outcomes)
-    return msgspec.structs.replace(measured, expectations=outcomes, passed=passed)
+    return msgspec.structs.replace(measured, expectations=outcomes, passed=passed, departed=deaths)

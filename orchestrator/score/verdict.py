@@ -116,11 +116,16 @@ def _divergences(nodes: Iterable[NodeScore]) -> list[str]:
 
 def _story(score: Score) -> str:
     """Return what became of the estimators, in half a sentence."""
-    silent = [
-        f"{node.name} from step {node.silent_from}" for node in score.nodes if node.silent_from is not None
+    planned = [
+        f"{node.name} from step {node.silent_from}"
+        for node in score.nodes
+        if node.silent_from is not None and node.name not in score.departed
     ]
-    fallen = f", while {_listed(silent, '')} fell silent by plan" if silent else ""
-    return _fate(score) + fallen
+    died = [f"{name} in step {step}" for name, step in score.departed.items()]
+    fallen = f", while {_listed(planned, '')} fell silent by plan" if planned else ""
+    named = _listed(died, "") if len(died) <= 3 else _several(len(died), "node")
+    lost = f", though the run lost {named}" if died else ""
+    return _fate(score) + fallen + lost
 
 
 def _fate(score: Score) -> str:

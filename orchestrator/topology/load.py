@@ -20,6 +20,7 @@ from orchestrator.topology.expecting import read_expectations
 from orchestrator.topology.graph import Graph, read_graph
 from orchestrator.topology.inheritance import pruned, read_with_bases
 from orchestrator.topology.listening import listeners, warn_of_unheard
+from orchestrator.topology.outlived import outlived_nodes
 from orchestrator.topology.overrides import apply_overrides
 from orchestrator.topology.placement import place
 from orchestrator.topology.problems import Origin, Problem, Problems, TopologyError
@@ -152,6 +153,7 @@ def _wired(
     placed, on_link = place(draft, kinds.attacks, kinds.channels, links)
     placed = granted(draft, placed, plant, sensors, listens)
     integrity = integrity_of(draft, placed)
+    outlived = outlived_nodes(draft, [stage.plan for stage in placed])
     build_stages(draft, placed)
     state_groups = {str(name): tuple(indices) for name, indices in plant.state_groups.items()}
     expectations = read_expectations(draft, state_groups, links)
@@ -165,7 +167,7 @@ def _wired(
         state_groups=state_groups,
         expectations=expectations,
         score_options=draft.sections["score"],
-        settings=RunSettings(window=process.window, stall_s=process.stall_s),
+        settings=RunSettings(process.window, process.stall_s, outlived),
         backend=process.backend,
         warnings=tuple(draft.warnings),
         document=resolved_document(name, draft.sections, kinds, listens, wiring, integrity, expectations),

@@ -132,6 +132,11 @@ class ProcessSettings(Section):
         default=32, description="steps that the plant may lead the slowest node by"
     )
     stall_s: Annotated[float, Gt(0.0)] = Field(default=30.0, description="deadline of every wait (s)")
+    on_crash: dict[str, Literal["stop", "silence"]] = Field(
+        default_factory=dict,
+        description="what becomes of the run when the process of a node dies, by pattern of names: it stops, "
+        "or the channel makes empty slots in the node's place and the others go on",
+    )
 
 
 StageSection = str | dict[str, Any]

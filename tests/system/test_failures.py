@@ -70,6 +70,39 @@ def test_a_killed_node_is_noticed_within_a_second(gauntlet: Gauntlet, slow_topol
     assert not run.score()["complete"]
 
 
+@pytest.mark.parametrize("victim", ["s3", "e3", "e1"])
+def test_a_run_goes_on_without_a_killed_node_when_the_topology_says_so(
+    gauntlet: Gauntlet, victim: str
+) -> None:
+    fast = "  e1..e4: {method: secure_distributed, coupling: 0.01}\n"
+    slow = f"  e1: {{method: '{PLUGIN}:Misbehaving', pause_s: 0.1}}\n" + fast.replace("e1..e4", "e2..e4")
+    text = SMALL.replace(fast, slow)
+    run = gauntlet.launch(gauntlet.write(text), "--set", "process.on_crash={s*: silence, e*: silence}")
+    pid = run.wait_for_nodes(PROCESSES)[victim]
+    run.wait_for_log(4_000)
+    os.kill(pid, signal.SIGKILL)
+    assert run.finish() == 0, run.errors
+    score = run.score()
+    assert score["complete"]
+    (name, step), *others = score["departed"].items()
+    assert (name, others) == (victim, [])
+    assert 0 < step < 40
+    assert f"though the run lost {victim} in step {step}" in " ".join(run.output[0].split())
+    assert recorded_steps(run.out) == 40
+    log = read_log(run.out / "run.mcap")
+    assert log.complete
+    topic = f"tx/{victim}/measurement" if victim.startswith("s") else f"estimate/{victim}"
+    assert [message.step for at, message in log.records() if at == topic] == list(range(step))
+    again = gauntlet.call("score", run.out / "run.mcap", "--json")
+    assert again.stdout.encode() == (run.out / "score.json").read_bytes()
+
+
+def test_what_a_node_raises_ends_no_run_that_may_go_on_without_it(gauntlet: Gauntlet) -> None:
+    run = gauntlet.run(with_fault(gauntlet, "raise"), "--set", "process.on_crash={e4: silence}")
+    assert run.process.returncode == 0, run.errors
+    assert run.score()["departed"] == {"e4": 20}
+
+
 def test_a_hanging_node_is_named_with_the_slot_that_others_wait_for(gauntlet: Gauntlet) -> None:
     run = gauntlet.run(with_fault(gauntlet, "hang"), "--set", "process.stall_s=2")
     assert run.process.returncode == 3

@@ -130,3 +130,36 @@ def test_an_aborted_run_keeps_what_came_of_open_steps_in_canonical_order(
     assert memory.steps == [0, 1, 2]
     assert memory.messages == [(topic, payload) for topic, _, _, payload in kept]
     assert recorder.outcome() == {"complete": "false", "steps_recorded": "1"}
+
+
+@pytest.mark.parametrize("last", [0, 2])
+def test_a_node_that_is_no_more_expected_leaves_whole_steps(
+    plan: Plan, traffic: list[Any], last: int
+) -> None:
+    node = plan.sensors[0].name
+    topic = f"tx/{node}/measurement"
+    memory = Memory()
+    recorder = Recorder(plan, memory, window=plan.steps)
+    for message in traffic:
+        if message[0] != topic or message[2] < last:
+            recorder.store(*message)
+    assert recorder.steps_recorded == last
+    lacking = recorder.expect_no_more_of(node)
+    assert {slot.topic: step for slot, step in lacking.items()} == {topic: last}
+    assert recorder.complete
+    assert not recorder.missing()
+    assert recorder.outcome()[f"departed.{node}"] == str(last)
+    expected = [(m[0], m[3]) for m in traffic if m[0] != topic or m[2] < last]
+    assert memory.messages == expected
+
+
+def test_a_node_is_no_more_expected_in_steps_that_begin_later(plan: Plan, traffic: list[Any]) -> None:
+    node = plan.sensors[0].name
+    memory = Memory()
+    recorder = Recorder(plan, memory, window=plan.steps)
+    recorder.expect_no_more_of(node)
+    for message in traffic:
+        if not message[0].startswith(f"tx/{node}/"):
+            recorder.store(*message)
+    assert recorder.complete
+    assert recorder.departed == {node: 0}

@@ -98,6 +98,11 @@ BAD: dict[str, Bad] = {
     "name with a slash": appended("name: a/b\n", "name: ", "is not a name"),
     "unknown process key": appended("process: {windw: 3}\n", "no key 'windw'", "'window'"),
     "unknown backend": appended("process: {backend: inproces}\n", "backend", "did you mean 'inprocess'?"),
+    "outliving nobody": appended(
+        "process: {on_crash: {s9: silence}}\n", "there is no node 's9'", "there is: s1"
+    ),
+    "outliving the plant": appended("process: {on_crash: {plant: silence}}\n", "without the plant"),
+    "unknown crash policy": appended("process: {on_crash: {s1: silent}}\n", "on_crash", "'silence'"),
     "unknown score key": appended("score: {from_stp: 3}\n", "no key 'from_stp'", "'from_step'"),
     "impossible score": appended("score: {confidence: 2.0}\n", "score: ", "confidence between 0 and 1"),
     # Names and ranges
