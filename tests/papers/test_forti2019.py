@@ -17,6 +17,7 @@ from bus.messages import ChannelEvents, Estimate, Message, Truth
 from orchestrator.backends.inprocess import run_messages
 from orchestrator.score.scoring import score
 from orchestrator.topology.load import load_topology
+from orchestrator.topology.problems import TopologyError
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "forti2019"
 FILES = [path.stem for path in sorted(FOLDER.glob("*.yaml")) if not path.stem.startswith("_")]
@@ -140,6 +141,12 @@ def test_the_file_holds_what_it_expects(name: str) -> None:
         expectations=topology.expectations,
     )
     assert result.passed, [outcome.message for outcome in result.expectations if not outcome.passed]
+
+
+def test_a_signal_of_another_size_than_the_swinging_network_takes_is_refused() -> None:
+    file = FOLDER / "ieee14_large_swings.yaml"
+    with pytest.raises(TopologyError, match="a signal of 1 components for a plant that takes 2"):
+        load_topology(file, ["attacks[0].signal.value=[0.2]"])
 
 
 @trials
