@@ -27,9 +27,9 @@ INITIAL = (0.5, 1.0)
 PRIOR = ((0.7, 1.5, 0.8), (0.3, -1.0, 0.6))
 """Weight, mean and standard deviation of the components of the signal's law."""
 BOX = (-4.0, 6.0)
-SPACING = 0.1
-X = np.arange(-160, 181) * SPACING
-S = np.arange(-80, 111) * SPACING
+SPACING = 0.2
+X = np.arange(-80, 91) * SPACING
+S = np.arange(-40, 56) * SPACING
 INBOXES = ([1.4], [2.9, -0.3, 5.0], [], [0.2], [3.1, 3.3])
 """Packets by step: one that is likely true, several, none, one far off, two that resemble each other."""
 
