@@ -186,9 +186,10 @@ def test_twenty_fakes_a_step_cost_nothing_and_the_mixtures_stay_at_one_component
         errors = [rms([run.error["e1"][window(run, attacked)] for run in runs]) for runs in (many, none)]
         print("\n20 fakes over none, attacked", attacked, (errors[0] / errors[1]).round(4))
         np.testing.assert_allclose(errors[0] / errors[1], 1.0, atol=0.05)
-    components = np.mean([run.diagnostics["e1"]["components"] for run in many])
-    print("components", components)
-    assert components <= 1.1
+    for count in ("components", "components_attacked"):
+        components = np.mean([run.diagnostics["e1"][count] for run in many])
+        print(count, components)
+        assert components <= 1.1
 
 
 @trials
@@ -258,12 +259,20 @@ def test_on_data_of_its_own_model_the_attack_probability_is_a_probability(
     assert 0.05 < wrong < 0.4
 
 
+@pytest.mark.parametrize(("name", "settled"), [("sweep_wide", SETTLED), ("ieee14_sweep", 2)])
 @trials
-def test_what_it_believes_of_wide_fakes_does_not_matter(campaign: Campaigns, trials: int) -> None:
-    runs = campaign("sweep_wide", min(trials, 20))
-    errors = np.array([rms([run.error[f"e{i}"][SETTLED:] for run in runs]) for i in range(1, 8)])
-    print("\nwide fakes: x1", errors[:, 0].round(4))
+def test_what_it_believes_of_wide_fakes_does_not_matter(
+    campaign: Campaigns, trials: int, name: str, settled: int
+) -> None:
+    runs = campaign(name, min(trials, 20))
+    nodes = [f"e{i}" for i in range(1, 8)]
+    errors = np.array([rms([run.error[node][settled:] for run in runs]) for node in nodes])
+    signal = np.array(
+        [rms([run.signal_error(node)[run.attack.any(axis=1)] for run in runs]) for node in nodes]
+    )
+    print(f"\nwide fakes, {name}: first state", errors[:, 0].round(4), "signal", signal[:, 0].round(4))
     np.testing.assert_allclose(errors / errors[4], 1.0, atol=0.01)
+    np.testing.assert_allclose(signal / signal[4], 1.0, atol=0.01)
 
 
 @pytest.mark.slow
