@@ -30,8 +30,12 @@ FOLDER = HERE.parents[1] / "topologies" / "forti2019"
 LINK = "s1->e1"
 BELIEVED = (1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 0.9)
 TRUTH, ESTIMATE, THIRD = "#1d3557", "#c1121f", "#2a6f97"
-SETTLED = {"ieee14_sweep": slice(2, None), "sweep_near": slice(40, 150)}
-"""Steps whose errors count: past the prior, and for the benchmark before the attack."""
+SWEEPS = {
+    "ieee14_sweep": (("state", "signal"), slice(2, None)),
+    "ieee14_sweep_near": (("state",), slice(2, None)),
+    "sweep_near": (("state",), slice(40, 150)),
+}
+"""Whose errors are drawn, and the steps that count: past the prior, for the benchmark before the attack."""
 
 
 @dataclass(frozen=True)
@@ -146,44 +150,33 @@ def draw_network(figure: Figure, trials: int) -> None:
     panels[7].set_axis_off()
 
 
-def errors_by_belief(name: str, trials: int) -> dict[str, Floats]:
-    """Return errors over runs, steps and components for each ``p_f``: of the state, and of the signal."""
-    state: dict[int, list[Floats]] = {}
-    signal: dict[int, list[Floats]] = {}
-    for trial in range(trials):
-        run = carry_out(name, trial)
-        for i in range(len(BELIEVED)):
-            node, steps = f"e{i + 1}", SETTLED[name]
-            state.setdefault(i, []).append(np.square(run.error(node)[steps]))
-            on = run.attack[steps].any(axis=1)
-            signal.setdefault(i, []).append(np.square(run.signal(node)[steps] - run.attack[steps])[on])
-    found = {"state": state} | ({"signal": signal} if signal[0][0].size else {})
-    return {
-        what: np.sqrt([np.mean(np.concatenate(parts)) for parts in by_belief.values()])
-        for what, by_belief in found.items()
-    }
+def error_by_belief(runs: Sequence[Run], what: str, steps: slice) -> Floats:
+    """Return the error of ``state`` or ``signal`` over runs, steps and components for each ``p_f``."""
+    nodes = [f"e{i + 1}" for i in range(len(BELIEVED))]
+    if what == "state":
+        errors = [[run.error(node)[steps] for run in runs] for node in nodes]
+    else:
+        on = runs[0].attack.any(axis=1)
+        errors = [[(run.signal(node) - run.attack)[on] for run in runs] for node in nodes]
+    return np.asarray(np.sqrt([np.mean(np.square(of_node)) for of_node in errors]))
 
 
 def draw_substitution(figure: Figure, trials: int, sweep_trials: int) -> None:
-    """Draw Figs 11 and 12, the latter with wide fakes on the network and near ones on the benchmark."""
+    """Draw Figs 11 and 12, the latter with wide fakes and with near ones."""
     panels: list[Axes] = list(figure.subplots(2, 4).flat)
     _over_trials(panels[:4], "Fig 11", [carry_out("ieee14_substitution", trial) for trial in range(trials)])
-    sweeps = {
-        "ieee14_sweep": errors_by_belief("ieee14_sweep", trials),
-        "sweep_near": errors_by_belief("sweep_near", sweep_trials),
-    }
     places = iter(panels[4:])
-    for name, errors in sweeps.items():
-        for what, error in errors.items():
+    for name, (wanted, steps) in SWEEPS.items():
+        runs = [carry_out(name, trial) for trial in range(trials if "ieee14" in name else sweep_trials)]
+        for what in wanted:
+            error = error_by_belief(runs, what, steps)
             print(f"{name}: {what}", error.round(4))
             panel = next(places)
             panel.semilogx(BELIEVED, error, "o-", color=THIRD)
             panel.axvline(0.1, color=TRUTH, lw=0.8, ls=":")
             panel.set_title(f"Fig 12: {what}, {name}", fontsize=9)
             panel.set_xlabel("believed $p_f$")
-            panel.set_ylim(0.9 * error.min(), 1.15 * error.min())
-    for panel in places:
-        panel.set_axis_off()
+            panel.set_ylim(0.97 * error.min(), 1.15 * error.min())
 
 
 def save(figure: Figure, name: str) -> None:

@@ -289,6 +289,21 @@ def test_with_fakes_among_the_measurements_the_errors_are_least_where_it_believe
     assert 1.03 <= errors[0] / errors[4] <= 1.12
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_on_the_network_too_the_errors_among_near_fakes_are_least_at_the_truth_and_differ_little(
+    campaign: Campaigns,
+) -> None:
+    """As in the paper's Fig 12: all states, in attack and outside."""
+    runs = campaign("ieee14_sweep_near", FULL)
+    nodes = [f"e{i}" for i in range(1, 8)]
+    errors = np.array([np.sqrt(np.mean([run.error[node][2:] ** 2 for run in runs])) for node in nodes])
+    print("\nnear fakes: states of the network", errors.round(4))
+    assert int(errors.argmin()) in (3, 4)
+    assert 1.005 <= errors[0] / errors[4] <= 1.05
+    assert errors[6] > 1.003 * errors[4]
+
+
 @trials
 def test_altered_loads_are_found_at_once_and_angles_frequencies_and_loads_are_tracked(
     campaign: Campaigns, trials: int
