@@ -43,6 +43,8 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "linear_benchmark": "nodes.plants.linear_benchmark:LinearBenchmark",
                 "swing_network": "nodes.plants.swing_network:SwingNetwork",
                 "ieee14": "nodes.plants.ieee14:Ieee14",
+                "sine_swing_network": "nodes.plants.sine_swing:SineSwingNetwork",
+                "sine_ieee14": "nodes.plants.sine_swing:SineIeee14",
             }
         ),
         "sensors": MappingProxyType(

@@ -76,15 +76,14 @@ class SwingNetwork(Linear):
         lines = [(int(one), int(other), reactance) for one, other, reactance in branches]
         self.reduced = kron_reduce(lines, [(machine.bus, machine.xd) for machine in machines])
         self.inertias = np.array([machine.H / (np.pi * nominal_hz) for machine in machines])
-        damping = np.array([machine.damping for machine in machines])
+        self.damping = np.array([machine.damping for machine in machines])
         attacked = attacked_buses or []
         strange = [bus for bus in attacked if bus not in self.reduced.buses]
         if strange:
             raise ValueError(f"attacked_buses: {strange} are not in the network; it has {self.reduced.buses}")
         columns = [self.reduced.buses.index(bus) for bus in attacked]
-        A, G = _sampled(
-            period_s, self.reduced.stiffness, self.inertias, damping, self.reduced.load_shares[:, columns]
-        )
+        self.load_shares: Matrix = attack_scale * self.reduced.load_shares[:, columns]
+        A, G = _sampled(period_s, self.reduced.stiffness, self.inertias, self.damping, self.load_shares)
         g = len(machines)
         super().__init__(
             period_s,
@@ -92,7 +91,7 @@ class SwingNetwork(Linear):
             process_noise=process_noise,
             initial=initial,
             state_groups={"angles": list(range(g)), "frequencies": list(range(g, 2 * g))},
-            G=(attack_scale * G).tolist() if attacked else None,
+            G=G.tolist() if attacked else None,
         )
 
 

@@ -56,6 +56,8 @@ class Metric:
 _NO_DETECTOR = "no detector judged these links"
 _NO_COVARIANCE = "it published no usable covariance"
 _NO_PACKET = "no packet was sent"
+_NO_PROBABILITY = "it published no attack probability"
+_NO_SIGNAL = "no such step, or it published no attack probability"
 
 METRICS: Mapping[str, Metric] = {
     "rmse.*": Metric("root mean square error of a state group over the scored steps", "node"),
@@ -112,6 +114,33 @@ METRICS: Mapping[str, Metric] = {
         "steps from the first genuine packet after a window to the first accepted one",
         "window",
         undefined="no attack met a detector",
+    ),
+    "attack.probability_on": Metric(
+        "mean attack probability over steps with a signal attack", "node", undefined=_NO_SIGNAL
+    ),
+    "attack.probability_off": Metric(
+        "mean attack probability over steps without one", "node", undefined=_NO_SIGNAL
+    ),
+    "attack.false_alarms": Metric(
+        "steps without signal attack that it calls attacked", "node", undefined=_NO_PROBABILITY
+    ),
+    "attack.misses": Metric(
+        "steps with a signal attack that it calls free of one", "node", undefined=_NO_PROBABILITY
+    ),
+    "attack.detection_delay": Metric(
+        "steps from the onset of a signal attack to its detection, the longest",
+        "node",
+        undefined="no signal attack, or it published no attack probability",
+    ),
+    "attack.release_delay": Metric(
+        "steps from the end of a signal attack to the all-clear, the longest",
+        "node",
+        undefined="no signal attack ended, or it published no attack probability",
+    ),
+    "attack.rmse": Metric(
+        "root mean square error of the estimate of a signal attack, while there is one",
+        "node",
+        undefined="no signal attack, or it published no estimate of it",
     ),
     "packets.sent": Metric("packets sent", "link", total=True),
     "packets.lost": Metric("packets lost", "link", total=True),

@@ -19,6 +19,7 @@ from bus.messages import ChannelEvents, Estimate, Inbox, Message, Truth
 from bus.packets import packets_of_inbox
 from bus.plan import Plan
 from orchestrator.errors import InputError
+from orchestrator.score.attack_beliefs import AttackBeliefs, AttackListener
 
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
@@ -80,6 +81,7 @@ class Gathered:
     events: Packets
     injections: Packets
     counts: Ints
+    attack_beliefs: AttackBeliefs
 
 
 COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
@@ -129,6 +131,7 @@ class _Gatherer:
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
         self.truth: dict[int, list[float]] = {}
+        self.of_attacks = AttackListener()
         self.estimates = array("q")  # seven numbers an estimate, see `take_estimate`
         self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
         senders: dict[tuple[str, str], list[str]] = {}
@@ -142,6 +145,8 @@ class _Gatherer:
 
     def take_truth(self, topic: str, message: Truth) -> None:
         self.truth[message.step] = message.state
+        if message.attack:
+            self.of_attacks.take_truth(message)
 
     def take_estimate(self, topic: str, message: Estimate) -> None:
         name, step = _node(topic), message.step
@@ -151,6 +156,8 @@ class _Gatherer:
         self.nis.append(message.nis)
         self.state.extend(message.state)
         self.covariance.extend(message.covariance)
+        if message.diagnostic_name:
+            self.of_attacks.take_estimate(node, message)
         if message.detector_source:
             incoming, rows = self.incoming[name], self.verdicts
             rows.link.extend(map(incoming.__getitem__, message.detector_source))
@@ -212,6 +219,7 @@ class _Gatherer:
             events=self.events.packets(),
             injections=self.injections.packets(),
             counts=self._counts(),
+            attack_beliefs=self.of_attacks.beliefs(len(self.plan.estimators), self.plan.steps),
         )
 
     def _truth(self) -> Floats:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from orchestrator.score.catalogue import Metric
 from orchestrator.score.results import (
+    AttackScore,
     AttackWindow,
     Confusion,
     Consistency,
@@ -62,6 +63,25 @@ def _consistency(node: NodeScore, figures: Consistency, name: str) -> float:
     return figures.mean if name == "mean" else figures.mean / figures.dof
 
 
+def _attack(node: NodeScore, name: str) -> float:
+    """Return a figure on signal attacks; of delays, the longest."""
+    figures = node.attack
+    if figures is None:
+        return math.nan
+    if name.endswith("_delay"):
+        return _longest(figures, name)
+    if name == "rmse" and node.divergence_step is not None:
+        return math.inf
+    return _or_nan(getattr(figures, name))
+
+
+def _longest(figures: AttackScore, name: str) -> float:
+    """Return the longest delay over the windows; endless when one was missed, though it was spoken of."""
+    spoken_of = "statements" if name == "detection_delay" else "statements_after"
+    delays = [getattr(window, name) for window in figures.windows if getattr(window, spoken_of)]
+    return max((math.inf if delay is None else float(delay) for delay in delays), default=math.nan)
+
+
 def expected_estimates(score: Score, node: NodeScore) -> int:
     """Return the number of estimates that a node owes: one a step, until it falls silent by plan."""
     return score.steps if node.silent_from is None else node.silent_from
@@ -76,6 +96,8 @@ def node_value(score: Score, node: NodeScore, metric: str) -> float:
         return float(expected_estimates(score, node) - node.steps_scored)
     if family in ("nees", "nis"):
         return _consistency(node, node.nees if family == "nees" else node.nis, name)
+    if family == "attack":
+        return _attack(node, name)
     return _group_error(node, family, name)
 
 

@@ -86,6 +86,40 @@ class Consistency(Result, frozen=True, kw_only=True):
     inside: float | None
 
 
+class SignalWindow(Result, frozen=True, kw_only=True):
+    """One signal attack, from the ``first`` to the ``last`` step in a row in which the signal was not zero.
+
+    ``detection_delay`` counts the steps from ``first`` to the first publication that calls a step of the
+    window attacked, ``release_delay`` those from the step after ``last`` to the first one that calls a later
+    step, before the next window, free of attack; None when there is none. ``statements`` and
+    ``statements_after`` count what was published about the steps of either kind.
+    """
+
+    first: int
+    last: int
+    statements: int
+    statements_after: int
+    detection_delay: int | None
+    release_delay: int | None
+
+
+class AttackScore(Result, frozen=True, kw_only=True):
+    """What one estimator knew of the signal attacks; None where it does not say.
+
+    ``probability_on`` and ``probability_off`` are its mean attack probability over steps with and without an
+    attack. ``false_alarms`` and ``misses`` count the steps without and with one on which it was wrong.
+    ``rmse`` is the error of its estimate of the signal while there is one: Euclidean over the components,
+    root mean square over steps.
+    """
+
+    probability_on: float | None
+    probability_off: float | None
+    false_alarms: int | None
+    misses: int | None
+    rmse: float | None
+    windows: list[SignalWindow]
+
+
 class NodeScore(Result, frozen=True, kw_only=True):
     """One estimator; ``method`` is the name of its class, ``divergence_step`` None when it never diverged.
 
@@ -96,6 +130,7 @@ class NodeScore(Result, frozen=True, kw_only=True):
     plant. ``nees_undefined`` counts
     estimates, from `from_step` on and before any divergence, whose covariance is absent or not positive
     definite. ``error`` holds the error norms by group and step (only with `ScoreOptions.node_series`).
+    ``attack`` is None for an estimator that says nothing of signal attacks.
     """
 
     name: str
@@ -112,6 +147,7 @@ class NodeScore(Result, frozen=True, kw_only=True):
     nis_attacked: Consistency
     nis_unattacked: Consistency
     error: dict[str, list[float | None]]
+    attack: AttackScore | None = None
 
 
 class NetworkScore(Result, frozen=True, kw_only=True):

@@ -32,6 +32,7 @@ from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import Bools, Gathered, gather
 from orchestrator.score.judging import judge_expectations
 from orchestrator.score.results import LinkScore, NodeScore, Score, ScoreOptions
+from orchestrator.score.signal_attacks import attack_scores
 from orchestrator.score.traffic import traffic
 
 
@@ -51,6 +52,7 @@ def _node_scores(
         for rows in (counted, counted & attacked, counted & ~attacked)
     )
     series = errors.norm if options.node_series else {}
+    attacks = attack_scores(gathered.attack_beliefs, errors, options.from_step)
     return [
         NodeScore(
             name=estimator.name,
@@ -67,6 +69,7 @@ def _node_scores(
             nis_attacked=nis_hit[i],
             nis_unattacked=nis_spared[i],
             error={group: numbers(norm[i]) for group, norm in series.items()},
+            attack=attacks[i],
         )
         for i, estimator in enumerate(plan.estimators)
     ]

@@ -12,7 +12,7 @@ from rich.text import Text
 from orchestrator.score.judging import show
 from orchestrator.score.measure import expected_estimates
 from orchestrator.score.results import NodeScore, Outcome, Score
-from orchestrator.score.verdict_tables import attack_table, estimator_tables
+from orchestrator.score.verdict_tables import attack_table, estimator_tables, signal_table
 
 TRACKING_RATIO = 2.0
 """How many times the usual error an attacked estimator may show and still be said to keep tracking."""
@@ -286,10 +286,10 @@ def print_verdict(
         console.print(Text(_timing_line(timing), style="dim"))
     console.print()
     console.print(estimator_tables(score))
-    attacks = attack_table(score)
-    if attacks is not None:
-        console.print()
-        console.print(attacks)
+    for table in (signal_table(score), attack_table(score)):
+        if table is not None:
+            console.print()
+            console.print(table)
     console.print()
     for line in (_packet_line(score), _detector_line(score)):
         if line is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from rich import box
@@ -9,13 +10,15 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from orchestrator.score.measure import expected_estimates
+from orchestrator.score.measure import expected_estimates, node_value
 from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Score
 
 ATTACKED_ROWS = 4
 """Attacked estimators that get a row of their own, for each method; those with the largest errors."""
 
 WINDOW_ROWS = 6
+
+SIGNAL_ROWS = 8
 
 GROUP_COLUMNS = 3
 
@@ -146,4 +149,36 @@ def attack_table(score: Score) -> Table | None:
         )
     if len(score.windows) > WINDOW_ROWS:
         table.add_row(f"and {len(score.windows) - WINDOW_ROWS} more")
+    return table
+
+
+def _steps(value: float) -> str:
+    if math.isnan(value):
+        return "-"
+    return "never" if math.isinf(value) else f"{value:.0f} steps"
+
+
+def signal_table(score: Score) -> Table | None:
+    """Return what the estimators knew of signal attacks, or None when none of them says anything."""
+    speaking = [node for node in score.nodes if node.attack is not None]
+    if not speaking:
+        return None
+    table = _table(header=True)
+    table.add_column("signal attack", no_wrap=True)
+    for name in ("r during", "r else", "false alarms", "missed", "found after", "cleared after", "error"):
+        table.add_column(name, justify="right")
+    for node in speaking[:SIGNAL_ROWS]:
+        found = node.attack
+        assert found is not None
+        table.add_row(
+            node.name,
+            _figure(found.probability_on),
+            _figure(found.probability_off),
+            "-" if found.false_alarms is None else str(found.false_alarms),
+            "-" if found.misses is None else str(found.misses),
+            *(_steps(node_value(score, node, f"attack.{name}_delay")) for name in ("detection", "release")),
+            _figure(found.rmse),
+        )
+    if len(speaking) > SIGNAL_ROWS:
+        table.add_row(f"and {len(speaking) - SIGNAL_ROWS} more")
     return table

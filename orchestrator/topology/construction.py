@@ -137,16 +137,21 @@ def build_controllers(
 
 
 def check_signals(draft: Draft, attacks: Sequence[DeclaredStage], plant: Plant) -> None:
-    """Note what the classes of signal attacks refuse, and signals that do not fit the plant's ``G``."""
+    """Note what the classes of signal attacks refuse, and signals of another size than the plant takes."""
+    size: int | None = getattr(plant, "signal_size", None)
+    enters = int(np.shape(getattr(plant, "G", np.zeros((0, 0))))[1]) if size is None else size
     for stage in attacks:
         if stage.role != "signal":
             continue
         rng = random_stream(0, 0, "signal", stage.purpose)
         build = functools.partial(stage.checked.found.type, rng, **stage.checked.parameters)
         signal: Signal | None = _tried(draft, stage.path, stage.checked.found.short_name, build)
-        enters = int(np.shape(getattr(plant, "G", np.zeros((0, 0))))[1])
         if signal is not None and signal.size != enters:
-            cure = "give the plant 'G' with a column for each component of the signal"
+            cure = (
+                "give the plant 'G' with a column for each component of the signal"
+                if size is None
+                else "give the signal as many, or the plant another signal"
+            )
             message = f"a signal of {signal.size} components for a plant that takes {enters}"
             draft.complain(stage.path, message, cure)
 

@@ -17,6 +17,7 @@ from bus.messages import ChannelEvents, Estimate, Message, Truth
 from orchestrator.backends.inprocess import run_messages
 from orchestrator.score.scoring import score
 from orchestrator.topology.load import load_topology
+from orchestrator.topology.problems import TopologyError
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "forti2019"
 FILES = [path.stem for path in sorted(FOLDER.glob("*.yaml")) if not path.stem.startswith("_")]
@@ -142,6 +143,12 @@ def test_the_file_holds_what_it_expects(name: str) -> None:
     assert result.passed, [outcome.message for outcome in result.expectations if not outcome.passed]
 
 
+def test_a_signal_of_another_size_than_the_swinging_network_takes_is_refused() -> None:
+    file = FOLDER / "ieee14_large_swings.yaml"
+    with pytest.raises(TopologyError, match="a signal of 1 components for a plant that takes 2"):
+        load_topology(file, ["attacks[0].signal.value=[0.2]"])
+
+
 @trials
 def test_an_attack_is_found_and_its_end_is_seen_with_the_first_packet_that_arrives(
     campaign: Campaigns, trials: int
@@ -179,9 +186,10 @@ def test_twenty_fakes_a_step_cost_nothing_and_the_mixtures_stay_at_one_component
         errors = [rms([run.error["e1"][window(run, attacked)] for run in runs]) for runs in (many, none)]
         print("\n20 fakes over none, attacked", attacked, (errors[0] / errors[1]).round(4))
         np.testing.assert_allclose(errors[0] / errors[1], 1.0, atol=0.05)
-    components = np.mean([run.diagnostics["e1"]["components"] for run in many])
-    print("components", components)
-    assert components <= 1.1
+    for count in ("components", "components_attacked"):
+        components = np.mean([run.diagnostics["e1"][count] for run in many])
+        print(count, components)
+        assert components <= 1.1
 
 
 @trials
@@ -251,12 +259,20 @@ def test_on_data_of_its_own_model_the_attack_probability_is_a_probability(
     assert 0.05 < wrong < 0.4
 
 
+@pytest.mark.parametrize(("name", "settled"), [("sweep_wide", SETTLED), ("ieee14_sweep", 2)])
 @trials
-def test_what_it_believes_of_wide_fakes_does_not_matter(campaign: Campaigns, trials: int) -> None:
-    runs = campaign("sweep_wide", min(trials, 20))
-    errors = np.array([rms([run.error[f"e{i}"][SETTLED:] for run in runs]) for i in range(1, 8)])
-    print("\nwide fakes: x1", errors[:, 0].round(4))
+def test_what_it_believes_of_wide_fakes_does_not_matter(
+    campaign: Campaigns, trials: int, name: str, settled: int
+) -> None:
+    runs = campaign(name, min(trials, 20))
+    nodes = [f"e{i}" for i in range(1, 8)]
+    errors = np.array([rms([run.error[node][settled:] for run in runs]) for node in nodes])
+    signal = np.array(
+        [rms([run.signal_error(node)[run.attack.any(axis=1)] for run in runs]) for node in nodes]
+    )
+    print(f"\nwide fakes, {name}: first state", errors[:, 0].round(4), "signal", signal[:, 0].round(4))
     np.testing.assert_allclose(errors / errors[4], 1.0, atol=0.01)
+    np.testing.assert_allclose(signal / signal[4], 1.0, atol=0.01)
 
 
 @pytest.mark.slow
@@ -271,6 +287,21 @@ def test_with_fakes_among_the_measurements_the_errors_are_least_where_it_believe
     print("\nnear fakes: x1 outside the attack", errors.round(4))
     assert int(errors.argmin()) in (3, 4)
     assert 1.03 <= errors[0] / errors[4] <= 1.12
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_on_the_network_too_the_errors_among_near_fakes_are_least_at_the_truth_and_differ_little(
+    campaign: Campaigns,
+) -> None:
+    """As in the paper's Fig 12: all states, in attack and outside."""
+    runs = campaign("ieee14_sweep_near", FULL)
+    nodes = [f"e{i}" for i in range(1, 8)]
+    errors = np.array([np.sqrt(np.mean([run.error[node][2:] ** 2 for run in runs])) for node in nodes])
+    print("\nnear fakes: states of the network", errors.round(4))
+    assert int(errors.argmin()) in (3, 4)
+    assert 1.005 <= errors[0] / errors[4] <= 1.05
+    assert errors[6] > 1.003 * errors[4]
 
 
 @trials

@@ -280,18 +280,42 @@ def test_whatever_arrives_probabilities_stay_probabilities_and_covariances_defin
         assert max(density.safe.size, density.attacked.size) <= 20
 
 
-def test_twenty_fakes_and_gross_outliers_neither_underflow_nor_stop_it():
+def test_twenty_gross_outliers_weigh_as_if_the_genuine_packet_were_delivered_less_often():
+    """``1 - p_d + p_d l / (21 kappa)`` is ``1 - p + p l / kappa`` but for a factor, with p = 0.16."""
     world, rng = attackable(), np.random.default_rng(6)
-    filter_ = world.filter("s1", pruning=1e-3, merging=3.0, correction="injection")
-    alone = world.filter("s1", pruning=1e-3, merging=3.0, correction="injection")
+    common = {"pruning": 1e-3, "merging": 3.0, "correction": "injection"}
+    among = world.filter("s1", delivery=0.8, **common)
+    alone = world.filter("s1", delivery=0.16, **common)
+    sizes = [10.0**size for size in (3, 6, 9, 150, 300)]
+    outliers = [[x, y * sign] for x in sizes[:2] for y in sizes for sign in (1.0, -1.0)]
     for step, (_, measured) in enumerate(trial(world, rng, 20)):
-        fakes = [*rng.uniform(-20.0, 20.0, (18, 2)), [1e9, -1e9], [1e200, 1e200]]
-        filter_.correct(step, [packet(step, "s1", v) for v in [measured["s1"], *fakes]])
-        alone.correct(step, [packet(step, "s1", measured["s1"])])
-        belief = filter_.estimate(step)
-        assert np.all(np.isfinite(belief.state))
-        assert belief.detections[-1].statistic == 1.0
-        assert belief.detections[-1].alarm
+        genuine = packet(step, "s1", measured["s1"])
+        among.correct(step, [genuine, *(packet(step, "s1", values) for values in outliers)])
+        alone.correct(step, [genuine])
+        found, expected = among.estimate(step), alone.estimate(step)
+        np.testing.assert_allclose(found.state, expected.state, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9, atol=1e-9)
+        assert found.diagnostics == pytest.approx(expected.diagnostics, abs=1e-9)
+        assert [one.statistic for one in found.detections[1:]] == 20 * [1.0]
+
+
+def test_a_measurement_too_unlikely_for_a_double_is_weighed_as_the_enumeration_weighs_it():
+    """It is off where the signal has no say: the likelihoods of both modes are about e^-20000."""
+    world = attackable()
+    plant, sensor = world.plant, world.sensors["s1"]
+    S = sensor.C @ plant.initial_covariance @ sensor.C.T + sensor.R
+    away = S @ np.array([-sensor.H[1, 0], sensor.H[0, 0]])
+    away *= 200.0 / np.sqrt(away @ np.linalg.solve(S, away))
+    value = sensor.C @ plant.initial_mean + away
+    chosen = {**ESTIMATOR, "correction": "by_arrival", "substitution": 0.0}
+    filter_ = world.filter("s1", output="mmse", **chosen)
+    filter_.correct(0, [packet(0, "s1", value)])
+    exact, belief = enumerate_hypotheses(world, [{"s1": [value]}], chosen, True), filter_.estimate(0)
+    assert 0.01 < exact.r < 0.99
+    assert belief.nis == pytest.approx(4e4, rel=1e-3)
+    assert belief.diagnostics["attack_probability"] == pytest.approx(exact.r, abs=1e-9)
+    mean = (1.0 - exact.r) * exact.safe[0] + exact.r * exact.attacked[0][:2]
+    np.testing.assert_allclose(belief.state, mean, rtol=1e-9)
 
 
 @pytest.mark.slow

@@ -59,8 +59,9 @@ class Recorder:
 
     records: list[tuple[str, Message]] = field(default_factory=list)
 
-    def truth(self, step: int, state: Sequence[float]) -> None:
-        self.records.append((keys.truth("plant"), Truth(step=step, t=step * PERIOD, state=list(state))))
+    def truth(self, step: int, state: Sequence[float], attack: Sequence[float] = ()) -> None:
+        message = Truth(step=step, t=step * PERIOD, state=list(state), attack=list(attack))
+        self.records.append((keys.truth("plant"), message))
 
     def estimate(
         self,
@@ -74,6 +75,7 @@ class Recorder:
         diverged: bool = False,
         nis: float = 0.0,
         nis_dof: int = 0,
+        diagnostics: Mapping[str, float] | None = None,
     ) -> None:
         n = len(state) if covariance else 0
         message = Estimate(
@@ -91,8 +93,8 @@ class Recorder:
             detector_sequence=[sequence for _, sequence, _ in verdicts],
             detector_statistic=[1.0 for _ in verdicts],
             detector_alarm=[alarm for _, _, alarm in verdicts],
-            diagnostic_name=[],
-            diagnostic_value=[],
+            diagnostic_name=list(diagnostics or {}),
+            diagnostic_value=list((diagnostics or {}).values()),
         )
         self.records.append((keys.estimate(node), message))
 
