@@ -115,10 +115,14 @@ estimators:
   e2: {method: secure_distributed, coupling: 0.01, send: {relative: {sigma: 0.05, components: [0, 1]}}}
   e3: {method: secure_distributed, coupling: 0.01, send: {send_on_delta: {threshold: 0.3}}}
   e4: {method: secure_distributed, coupling: 0.01, send: {stochastic_innovation: {Y: 5, loop: open}}}
-graph: {edges: [[e1, e2], [e2, e3], [e3, e4], [e4, e1]]}
+  q1..q2: {method: kalman_consensus, send: {send_on_delta: {threshold: 0.3}}}
+  i1..i2: {method: information_consensus, rounds_per_step: 3, send: {relative: {sigma: 0.01}}}
+  d1..d2: {method: diffusion_kalman}
+  x1..x2: {method: covariance_intersection}
+graph: {edges: [[e1, e2], [e2, e3], [e3, e4], [e4, e1], [q1, q2], [i1, i2], [d1, d2], [x1, x2]]}
 channel:
   s4->e4: {bernoulli: {loss: 0.2}}
-  e*->e*: {gilbert_elliott: {failure: 0.2, recovery: 0.5}}
+  "*1->*2": {gilbert_elliott: {failure: 0.2, recovery: 0.5}}
 attacks:
   - {bias: {value: 0.5}, on: s3->e3, steps: [10, 20]}
   - {hold: {}, on: s4->e4, steps: [10, 20]}
