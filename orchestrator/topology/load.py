@@ -27,7 +27,12 @@ from orchestrator.topology.resolve import Kinds, links_between, make_plan, resol
 from orchestrator.topology.resolved import Topology
 from orchestrator.topology.stages import declared_attacks, declared_channels, refuse_repeated_names
 from orchestrator.topology.targets import check_targets
-from orchestrator.topology.triggers import build_triggers, check_senders, declared_triggers
+from orchestrator.topology.triggers import (
+    build_triggers,
+    check_senders,
+    declared_triggers,
+    warn_of_mistaken_silence,
+)
 from orchestrator.topology.wiring import wire
 
 __all__ = ["Problem", "Topology", "TopologyError", "find_problems", "load_topology"]
@@ -154,6 +159,7 @@ def _wired(
         f"{source}->{destination}" for source, destination, _ in links_between(listens, wiring, heard_by)
     ]
     placed, on_link = place(draft, kinds.attacks, kinds.channels, links)
+    warn_of_mistaken_silence(draft, kinds, listens, placed)
     placed = granted(draft, placed, plant, sensors, listens)
     integrity = integrity_of(draft, placed)
     build_stages(draft, placed)

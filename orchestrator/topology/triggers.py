@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from bus.random_streams import random_stream
 from nodes.contract import Plant, Sensor
 from nodes.triggers.contract import TriggerSetting
 from orchestrator.topology.construction import tried
 from orchestrator.topology.draft import CheckedKind, Draft
+from orchestrator.topology.placement import PlacedStage
 from orchestrator.topology.problems import PathKeys
 from orchestrator.topology.resolve import Kinds
 from orchestrator.topology.wiring import Wiring
 
+_PERFECT = "channel.impairments.perfect:Perfect"
 _EXTERNAL = "nodes.estimators.external:External"
 
 
@@ -70,3 +72,21 @@ def check_senders(draft: Draft, kinds: Kinds, wiring: Wiring) -> None:
         elif name not in heard:
             cure = "take 'send' out, or give it a method that exchanges, and an edge of the graph"
             draft.complain(path, f"{name} sends to no neighbour", cure)
+
+
+def warn_of_mistaken_silence(
+    draft: Draft, kinds: Kinds, listens: Mapping[str, Sequence[str]], placed: Sequence[PlacedStage]
+) -> None:
+    """Warn of estimators that take silence for information where something may happen to packets."""
+    disturbed = {
+        link for stage in placed if stage.plan.kind.reference != _PERFECT for link in stage.plan.streams
+    }
+    for name, checked in kinds.estimators.items():
+        if checked.parameters.get("silence") != "informative":
+            continue
+        for sensor in listens[name]:
+            if sensor in kinds.triggers and f"{sensor}->{name}" in disturbed:
+                message = f"{name} takes silence for information, and {sensor}->{name} is no perfect link"
+                cure = "a lost packet looks like silence: set 'silence: ignored'"
+                draft.warn(("estimators", name), message, cure)
+                break

@@ -13,6 +13,7 @@ from bus.packets import Packet, Vector
 from nodes.contract import Belief, Setting
 from nodes.estimators.kalman import Kalman
 from orchestrator.backends.inprocess import run_messages
+from orchestrator.run import run_topology
 from orchestrator.score.results import Score
 from orchestrator.score.scoring import score
 from orchestrator.topology.load import load_topology
@@ -51,6 +52,28 @@ def test_the_rate_is_the_share_of_slots_that_were_filled(tmp_path: Path) -> None
         assert (sender.slots, sender.sent) == (len(slots), filled)
         assert sender.rate == filled / len(slots)
         assert 0 < filled < len(slots)
+
+
+def test_a_trigger_moves_nobodys_draws() -> None:
+    """What a sensor sends is what it would have sent then without a trigger, whatever the trigger draws."""
+    path = next(path for path in TOPOLOGIES if path.stem == "stochastic_innovation")
+    values = []
+    for overrides in ((), ("sensors.s*.send=null", "expect=null")):
+        record, _ = played(path, overrides)
+        slots = {(t, m.step): m.values for t, m in record if isinstance(m, Transmission) and m.sequence}
+        values.append(slots)
+    sent, whole = values
+    assert len(whole) == 1200
+    assert 0 < len(sent) < 600
+    assert all(whole[slot] == numbers for slot, numbers in sent.items())
+
+
+def test_the_rate_from_a_log_is_that_from_memory(tmp_path: Path) -> None:
+    path = next(path for path in TOPOLOGIES if path.stem == "network")
+    report = run_topology(load_topology(path, ["steps=30"]), tmp_path, "inprocess", lambda step: None)
+    _, found = played(path, ["steps=30"])
+    assert report.score.senders == found.senders
+    assert len(found.senders) == 8
 
 
 def test_a_quiet_slot_is_no_loss(tmp_path: Path) -> None:
@@ -121,3 +144,24 @@ graph: {{edges: [[e1, e2]]}}
     assert all(link.traffic.sent == 60 for link in found.links)
     assert found.senders[0].rate == sum(said) / 60
     assert 0.0 < sum(said) < 60
+
+
+@pytest.mark.parametrize(
+    ("stem", "parameter", "values"),
+    [
+        ("send_on_delta", "send_on_delta.threshold", (0.25, 0.75, 1.5)),
+        ("deterministic_innovation", "deterministic_innovation.threshold", (0.5, 1.3, 2.2)),
+        ("stochastic_innovation", "stochastic_innovation.Y", (40.0, 7.0, 1.0)),
+    ],
+)
+def test_the_less_is_sent_the_larger_the_error(stem: str, parameter: str, values: Sequence[float]) -> None:
+    path = next(path for path in TOPOLOGIES if path.stem == stem)
+    rates, errors = [], []
+    for value in values:
+        _, found = played(path, [f"sensors.s*.send.{parameter}={value}", "expect=null"])
+        rates.append(sum(sender.sent for sender in found.senders))
+        errors.append(sum(node.groups["position"].rmse or np.inf for node in found.nodes))
+    assert rates == sorted(rates, reverse=True)
+    assert errors == sorted(errors)
+    assert rates[0] > 5.0 * rates[-1]
+    assert errors[-1] > 1.3 * errors[0]

@@ -108,3 +108,26 @@ def test_the_rate_may_be_expected_of_senders_and_of_nobody_else(file: Path) -> N
     for limit in ("{node: s9, at_most: 1}", "{link: s1->e1, at_most: 1}"):
         errors, _ = find_problems(file, [f"expect={{sent_rate: {limit}}}"])
         assert errors
+
+
+@pytest.mark.parametrize(
+    ("overrides", "warned"),
+    [
+        ((), False),
+        (("channel={s2->e2: perfect}",), False),
+        (("channel={s2->e2: {bernoulli: {loss: 0.1}}}",), True),
+        (("channel={s2->e2: {bernoulli: {loss: 0.1}}}", "estimators.e2.silence=ignored"), False),
+    ],
+)
+def test_who_takes_losses_for_silence_is_warned_of(
+    file: Path, overrides: tuple[str, ...], warned: bool
+) -> None:
+    file.write_text(
+        TEXT.replace(
+            "e1..e3: {method: secure_distributed, coupling: 0.01, send: {periodic: {every: 3}}}",
+            "e2: {method: event_triggered_kalman, sensors: [s1, s2, s3]}",
+        ).replace("graph: {ring: {nodes: 3}}\n", "")
+    )
+    errors, warnings = find_problems(file, overrides)
+    assert not errors
+    assert [("takes silence for information" in str(warning)) for warning in warnings] == [True] * warned
