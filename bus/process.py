@@ -47,11 +47,14 @@ class _BusPort:
 
 def rounds_of_topics(plan: Plan) -> dict[str, int]:
     """Return the slots in a step of every exchange topic."""
-    return {
+    rounds = {
         topic: own.rounds
         for own in plan.estimators
         for topic in (keys.tx(own.name, keys.EXCHANGE), keys.rx(own.name, keys.EXCHANGE))
     }
+    heard = {link.source for link in plan.links_of(keys.EXCHANGE)}
+    most = max((own.rounds for own in plan.estimators if own.name in heard), default=1)
+    return rounds | {keys.channel(keys.EXCHANGE): most}
 
 
 def _messages_a_step(plan: Plan, name: str) -> int:

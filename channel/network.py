@@ -124,6 +124,11 @@ class PhaseNetwork:
                 self._watchers.setdefault(timing.watches, []).append(timing)
 
     @property
+    def rounds(self) -> int:
+        """The most rounds that a sender has in a step."""
+        return len(self._names)
+
+    @property
     def sources(self) -> tuple[str, ...]:
         """The nodes that send on this stream."""
         return tuple(self._from)

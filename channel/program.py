@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bus import keys
-from bus.messages import Transmission
+from bus.messages import ChannelEvents, Transmission
 from bus.packets import Packet, inbox, packets_of_transmission
 from bus.plan import Plan
 from bus.program import Port, Program, every_step
@@ -37,6 +37,27 @@ def _pacemaker(plan: Plan) -> _Pacemaker:
     raise ValueError("every sender falls silent: keep one that speaks to the end")
 
 
+class _Events:
+    """Sends the events of a phase in the order of steps and rounds, whichever is complete first.
+
+    Where senders differ in their rounds, a late round of some may be complete before an early one of others.
+    """
+
+    def __init__(self, port: Port, stream: str, rounds: int) -> None:
+        self._port = port
+        self._topic = keys.channel(keys.phase_of(stream))
+        self._rounds = rounds
+        self._next = 0
+        self._held: dict[int, ChannelEvents] = {}
+
+    def take(self, events: ChannelEvents) -> None:
+        """Take the events of one step and round, and send what is due."""
+        self._held[events.step * self._rounds + events.round] = events
+        while self._next in self._held:
+            self._port.send(self._topic, self._held.pop(self._next))
+            self._next += 1
+
+
 def _sender_program(
     port: Port,
     plan: Plan,
@@ -45,10 +66,10 @@ def _sender_program(
     stream: str,
     rounds: int,
     pacemaker: _Pacemaker | None,
+    told_of: _Events,
 ) -> Program:
     topic = keys.tx(source, stream)
     phase = keys.phase_of(stream)
-    events_topic = keys.channel(phase)
     inbox_topics: dict[str, str] = {}
     silent_from = plan.silent_from(source)
 
@@ -77,7 +98,7 @@ def _sender_program(
                 port.send(inbox_topic, inbox(step, t, round_, arrived))
             events = network.take_events(step, round_)
             if events is not None:
-                port.send(events_topic, events)
+                told_of.take(events)
 
     return every_step("channel", plan.steps, one_step)
 
@@ -89,6 +110,7 @@ def channel_programs(port: Port, plan: Plan) -> list[tuple[Program, tuple[str, .
     networks = build_networks(plan, STREAMS)
     for stream, network in networks.items():
         watches = tuple(keys.tx(node, keys.WATCH) for node in network.watched)
+        events = _Events(port, stream, network.rounds)
         for source in network.sources:
             slots = rounds[source] if stream == keys.EXCHANGE else 1
             topics = (keys.tx(source, stream), *watches)
@@ -96,6 +118,6 @@ def channel_programs(port: Port, plan: Plan) -> list[tuple[Program, tuple[str, .
             if plan.silent_from(source) < plan.steps:
                 pacemaker = _pacemaker(plan)
                 topics = (*topics, pacemaker.topic)
-            program = _sender_program(port, plan, network, source, stream, slots, pacemaker)
+            program = _sender_program(port, plan, network, source, stream, slots, pacemaker, events)
             programs.append((program, topics))
     return programs

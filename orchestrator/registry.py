@@ -27,10 +27,13 @@ Role = Literal[
     "signals",
     "faults",
     "schedules",
+    "triggers",
 ]
 ROLES: tuple[Role, ...] = get_args(Role)
 
 _GENERATORS = "orchestrator.topology.graph_generators"
+_ESTIMATORS = "nodes.estimators"
+_TRIGGERS = "nodes.triggers"
 _DATA_ASSOCIATION = "nodes.estimators.probabilistic_data_association"
 
 BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
@@ -67,7 +70,12 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "innovation_kalman": "nodes.estimators.innovation_kalman:InnovationKalman",
                 "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
                 "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",
+                "kalman_consensus": f"{_ESTIMATORS}.kalman_consensus:KalmanConsensus",
+                "information_consensus": f"{_ESTIMATORS}.information_consensus:InformationConsensus",
+                "diffusion_kalman": f"{_ESTIMATORS}.diffusion_kalman:DiffusionKalman",
+                "covariance_intersection": f"{_ESTIMATORS}.covariance_intersection:CovarianceIntersection",
                 "hybrid_bernoulli": "nodes.estimators.hybrid_bernoulli:HybridBernoulli",
+                "event_triggered_kalman": f"{_ESTIMATORS}.event_triggered_kalman:EventTriggeredKalman",
                 "jise": "nodes.estimators.jise:Jise",
                 "imm": "nodes.estimators.imm:Imm",
                 "probabilistic_data_association": f"{_DATA_ASSOCIATION}:ProbabilisticDataAssociation",
@@ -137,6 +145,15 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "markov": "bus.schedules:MarkovSchedule",
                 "state_crosses": "bus.schedules:StateCrosses",
                 "alarm": "bus.schedules:Alarm",
+            }
+        ),
+        "triggers": MappingProxyType(
+            {
+                "periodic": "nodes.triggers.periodic:Periodic",
+                "send_on_delta": "nodes.triggers.send_on_delta:SendOnDelta",
+                "relative": "nodes.triggers.relative:Relative",
+                "deterministic_innovation": f"{_TRIGGERS}.deterministic_innovation:DeterministicInnovation",
+                "stochastic_innovation": f"{_TRIGGERS}.stochastic_innovation:StochasticInnovation",
             }
         ),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from array import array
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress, pairwise
 from typing import Any
@@ -23,6 +23,9 @@ from orchestrator.score.attack_beliefs import AttackBeliefs, AttackListener
 
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
+
+SENT = "sent"
+"""The diagnostic by which a method that asks its event trigger itself says what share was sent."""
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -71,7 +74,10 @@ class Gathered:
     """A record as arrays. ``counts`` (8, L) holds by link the packets that `COUNTS` names.
 
     ``deliveries`` are the packets that receivers let in, each filed under the link from its source; an
-    injection stands under the link that it was made on, which may carry it in another node's name.
+    injection stands under the link that it was made on, which may carry it in another node's name. ``slots``
+    (L,) counts by link the slots that the channel passed. ``said_sent`` holds, by estimator whose method
+    fills its slots for other reasons too, how many of its estimates said what share of its events was sent,
+    and the sum of that.
     """
 
     truth_present: Bools
@@ -82,6 +88,8 @@ class Gathered:
     injections: Packets
     counts: Ints
     attack_beliefs: AttackBeliefs
+    slots: Ints
+    said_sent: Mapping[str, tuple[int, float]]
 
 
 COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
@@ -142,6 +150,8 @@ class _Gatherer:
         self.counted_link = array("q")
         self.counted = tuple(array("q") for _ in COUNTS[:-1])
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
+        self.triggered = frozenset(plan.triggered)
+        self.said_sent: dict[str, tuple[int, float]] = {}
 
     def take_truth(self, topic: str, message: Truth) -> None:
         self.truth[message.step] = message.state
@@ -158,6 +168,10 @@ class _Gatherer:
         self.covariance.extend(message.covariance)
         if message.diagnostic_name:
             self.of_attacks.take_estimate(node, message)
+        if name in self.triggered and SENT in message.diagnostic_name:
+            share = message.diagnostic_value[message.diagnostic_name.index(SENT)]
+            said, total = self.said_sent.get(name, (0, 0.0))
+            self.said_sent[name] = said + 1, total + share
         if message.detector_source:
             incoming, rows = self.incoming[name], self.verdicts
             rows.link.extend(map(incoming.__getitem__, message.detector_source))
@@ -220,6 +234,8 @@ class _Gatherer:
             injections=self.injections.packets(),
             counts=self._counts(),
             attack_beliefs=self.of_attacks.beliefs(len(self.plan.estimators), self.plan.steps),
+            slots=np.bincount(_integers(self.counted_link), minlength=len(self.plan.links)),
+            said_sent=self.said_sent,
         )
 
     def _truth(self) -> Floats:

@@ -127,3 +127,26 @@ def test_another_estimator_in_one_place_leaves_all_other_draws_as_they_were(gaun
     )
     assert 0 < len(fates_changed) < len(fates_own), "e3 has left the exchange"
     assert all(fates_own[key] == lost for key, lost in fates_changed.items())
+
+
+def test_networks_of_unlike_rounds_write_the_same_bytes_in_one_process_and_in_many(
+    gauntlet: Gauntlet,
+) -> None:
+    """Three rounds of one family may be over before the second of another."""
+    topology = gauntlet.write(
+        """
+name: unlike-rounds
+period_s: 0.1
+steps: 20
+plant: {model: linear, A: [[0.9]], process_noise: {std: 0.1}, initial: {std: 1.0}}
+sensors: {s1..s2: {model: linear, C: [[1.0]], noise: {std: 0.3}}}
+estimators:
+  d1..d2: {method: diffusion_kalman}
+  i1..i2: {method: information_consensus, rounds_per_step: 3}
+  q1..q2: {method: kalman_consensus}
+graph: {complete: {nodes: 2}}
+channel: {"*->*": {bernoulli: {loss: 0.2}}}
+"""
+    )
+    one = gauntlet.log(topology, "--backend", "inprocess", out="one")
+    assert gauntlet.log(topology, out="many") == one
