@@ -41,7 +41,8 @@ class SensorPlan:
 class EstimatorPlan:
     """An estimator node: the sensors it hears, and its in-neighbours with their weights ``h_ij``, sorted.
 
-    ``controllers`` tell it the inputs that they command.
+    ``controllers`` tell it the inputs that they command. ``oracles`` are the labels of the stages of which
+    the channel tells it what they add to its measurements.
     """
 
     name: str
@@ -50,6 +51,7 @@ class EstimatorPlan:
     neighbours: Mapping[str, float]
     rounds: int
     controllers: tuple[str, ...] = ()
+    oracles: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ def build_estimator(plan: Plan, own: EstimatorPlan, plant: Plant, sensors: Mappi
         sensors={name: sensors[name] for name in own.sensors},
         neighbours=dict(own.neighbours),
         rng=random_stream(plan.seed, plan.trial, own.name, "estimator"),
+        told_attacks=bool(own.oracles),
     )
     estimator: Estimator = load_class(own.kind.reference)(setting, **own.kind.parameters)
     return estimator

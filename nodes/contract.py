@@ -15,12 +15,6 @@ import numpy as np
 
 from bus.packets import Packet, Vector
 
-ORACLE = "oracle"
-"""The kind of a packet that holds what an adversary adds to a sensor's measurement (m,), whenever it does.
-
-``source`` is the sensor. Only an estimator that was granted the privilege receives such packets.
-"""
-
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
@@ -157,7 +151,8 @@ class Setting:
     rng: np.random.Generator
     """Its own random stream."""
     told_attacks: bool = False
-    """Whether the topology grants it the truth about the attacks on its measurements, as `ORACLE` packets."""
+    """Whether the topology grants it the truth about the attacks on its measurements, as packets of the kind
+    `bus.packets.ORACLE`."""
 
 
 class Detection(msgspec.Struct, frozen=True):
@@ -193,6 +188,9 @@ class Estimator(Protocol):
     Each step calls, in order: `correct` once, `exchange` ``rounds`` times, `estimate` once. A payload that is
     returned goes to all neighbours through the channel; None is a quiet slot. Payloads are (m,) arrays whose
     layout is the method's own. A lost packet is simply not in ``packets``.
+
+    One that can be told of the attacks on its measurements has the attribute ``takes_oracles``, True when it
+    makes use of it; to no other can the privilege be granted.
     """
 
     rounds: int

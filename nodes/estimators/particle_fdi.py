@@ -8,9 +8,8 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Interval
 
-from bus.packets import Packet, Vector
+from bus.packets import ORACLE, Packet, Vector
 from nodes.contract import (
-    ORACLE,
     Belief,
     Detection,
     LikelihoodSensor,
@@ -93,7 +92,7 @@ class ParticleFdi(Particle):
         if attack_estimate != "kalman" and not setting.told_attacks:
             raise ValueError(
                 f"{setting.name}: attack_estimate '{attack_estimate}' is a privilege that the topology does "
-                "not grant; use 'kalman'"
+                f"not grant; use 'kalman', or name the attacks in 'oracles: {{{setting.name}: [...]}}'"
             )
         self._zeta = _alarm_threshold(setting.name, occurrence, alpha, particles)
         self._detectors: dict[str, UpdatedParticles | WeightedResiduals] = {}
@@ -118,14 +117,14 @@ class ParticleFdi(Particle):
             tuple([f"{what}_{name}_{i}" for i in range(size)] for what in ("attack", "attack_variance"))
             for name, size in self._sizes.items()
         ]
-        self._is_told = attack_estimate != "kalman"
+        self.takes_oracles = attack_estimate != "kalman"
         self._detections: list[Detection] = []
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Move the particles and the attack's estimates, then judge and use this step's measurements."""
         self._detections = []
         told = {packet.source: packet.values for packet in packets if packet.kind == ORACLE}
-        if step > 0 or self._is_told:
+        if step > 0 or self.takes_oracles:
             for name, attack in self._attacks.items():
                 attack.predict(told.get(name))
         return super().correct(step, [packet for packet in packets if packet.kind != ORACLE])
@@ -168,7 +167,7 @@ class ParticleFdi(Particle):
     def _compensated(self, name: str, values: Vector, predicted: np.ndarray) -> Vector:
         """Return the measurement (m,) without the attack, after the attack's estimate has learned from it."""
         attack = self._attacks[name]
-        if not self._is_told:
+        if not self.takes_oracles:
             mean = self._weights.dot(predicted)
             spread = self._weights.dot((predicted - mean) ** 2)
             attack.update(values - mean, self._noise_variance[name] + spread)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bus import keys
 from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Truth
-from bus.packets import packets_of_inbox
+from bus.packets import ORACLE, packets_of_inbox
 from bus.plan import Plan
 from orchestrator.errors import InputError
 
@@ -164,9 +164,13 @@ class _Gatherer:
         node, phase = topic.split("/")[1:3]
         rows, sources, sequences = self.deliveries, message.source, message.sequence
         norms = _norms(message)
-        if self.plan.integrity or not self.incoming[node].keys() >= set(sources):
+        has_oracles = ORACLE in message.kind
+        if has_oracles or self.plan.integrity or not self.incoming[node].keys() >= set(sources):
             gate = self.gates.get((node, phase))
-            let_in = [gate is None or gate.admits(packet) for packet in packets_of_inbox(message)]
+            let_in = [
+                packet.kind != ORACLE and (gate is None or gate.admits(packet))
+                for packet in packets_of_inbox(message)
+            ]
             sources, sequences = list(compress(sources, let_in)), list(compress(sequences, let_in))
             norms = list(compress(norms, let_in))
         rows.link.extend(map(self.incoming[node].__getitem__, sources))

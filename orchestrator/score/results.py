@@ -95,6 +95,7 @@ class NodeScore(Result, frozen=True, kw_only=True):
     plant. ``nees_undefined`` counts
     estimates, from `from_step` on and before any divergence, whose covariance is absent or not positive
     definite. ``error`` holds the error norms by group and step (only with `ScoreOptions.node_series`).
+    ``privileged`` names the attacks whose values an oracle tells it; of an honest estimator it is empty.
     """
 
     name: str
@@ -111,6 +112,7 @@ class NodeScore(Result, frozen=True, kw_only=True):
     nis_attacked: Consistency
     nis_unattacked: Consistency
     error: dict[str, list[float | None]]
+    privileged: list[str] = []
 
 
 class NetworkScore(Result, frozen=True, kw_only=True):

@@ -66,6 +66,7 @@ def _node_scores(
             nis_attacked=nis_hit[i],
             nis_unattacked=nis_spared[i],
             error={group: numbers(norm[i]) for group, norm in series.items()},
+            privileged=list(dict.fromkeys(label.partition("/")[0] for label in estimator.oracles)),
         )
         for i, estimator in enumerate(plan.estimators)
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -69,7 +69,7 @@ def _built_sensor(draft: Draft, name: str, checked: CheckedKind, plant: Plant) -
 
 
 class EstimatorBuilder:
-    """Builds estimators with the neighbours that are asked for."""
+    """Builds estimators with the neighbours that are asked for; ``told`` are those with an oracle."""
 
     def __init__(
         self,
@@ -78,7 +78,9 @@ class EstimatorBuilder:
         plant: Plant,
         sensors: Mapping[str, Sensor],
         listens: Mapping[str, Sequence[str]],
+        told: Collection[str] = (),
     ) -> None:
+        self._told = told
         self._draft = draft
         self._kinds = kinds
         self._plant = plant
@@ -94,6 +96,7 @@ class EstimatorBuilder:
             sensors={sensor: self._sensors[sensor] for sensor in self._listens[name]},
             neighbours=dict(sorted(neighbours.items())),
             rng=random_stream(self._draft.sections["seed"], self._draft.sections["trial"], name, "estimator"),
+            told_attacks=name in self._told,
         )
         what = f"estimator {checked.found.short_name}"
         path = ("estimators", name)

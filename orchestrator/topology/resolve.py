@@ -19,6 +19,7 @@ from bus.plan import (
 from orchestrator.registry import portable_name
 from orchestrator.score.expectation import Expectation
 from orchestrator.topology.draft import CheckedKind, Draft
+from orchestrator.topology.oracles import attack_of
 from orchestrator.topology.placement import fault_plans, signal_plans
 from orchestrator.topology.stages import DeclaredStage
 from orchestrator.topology.targets import PLANT_NAME
@@ -65,6 +66,7 @@ def make_plan(
     stages: Sequence[StagePlan],
     on_link: Mapping[str, tuple[str, ...]],
     integrity: Mapping[str, str],
+    oracles: Mapping[str, tuple[str, ...]],
 ) -> Plan:
     """Return the plan of a topology that is in order."""
     assert kinds.plant is not None
@@ -86,6 +88,7 @@ def make_plan(
                 wiring.neighbours[estimator],
                 wiring.rounds[estimator],
                 tuple(name for name, heard in heard_by.items() if heard == estimator),
+                oracles.get(estimator, ()),
             )
             for estimator, checked in kinds.estimators.items()
         ),
@@ -110,6 +113,7 @@ def resolved_document(
     listens: Mapping[str, Sequence[str]],
     wiring: Wiring,
     integrity: Mapping[str, str],
+    oracles: Mapping[str, Sequence[str]],
     expectations: Sequence[Expectation],
 ) -> dict[str, Any]:
     """Return the topology as plain data with nothing left to defaults, bases, ranges or generators."""
@@ -142,6 +146,7 @@ def resolved_document(
         "channel": _channels(sections["channel"], kinds.channels),
         "attacks": [_attack(stage) for stage in kinds.attacks],
         "adversary": sections["adversary"].model_dump(mode="json"),
+        "oracles": {node: list(dict.fromkeys(map(attack_of, labels))) for node, labels in oracles.items()},
         "integrity": dict(integrity),
         "expect": _expectations(expectations),
         "score": dataclasses.asdict(sections["score"]),

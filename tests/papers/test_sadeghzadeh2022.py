@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 from bus.messages import Message
-from bus.packets import Packet
+from bus.packets import ORACLE, Packet
 from bus.random_streams import random_stream
-from nodes.contract import ORACLE, Setting
+from nodes.contract import Setting
 from nodes.estimators.extended_kalman import ExtendedKalman
 from nodes.estimators.particle import Particle
 from nodes.estimators.particle_fdi import ParticleFdi
