@@ -42,7 +42,8 @@ class EstimatorPlan:
     """An estimator node: the sensors it hears, and its in-neighbours with their weights ``h_ij``, sorted.
 
     ``controllers`` tell it the inputs that they command. ``oracles`` are the labels of the stages of which
-    the channel tells it what they add to its measurements.
+    the channel tells it what they add to its measurements. ``stream`` names its random stream; its own
+    name when empty.
     """
 
     name: str
@@ -52,6 +53,7 @@ class EstimatorPlan:
     rounds: int
     controllers: tuple[str, ...] = ()
     oracles: tuple[str, ...] = ()
+    stream: str = ""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def build_estimator(plan: Plan, own: EstimatorPlan, plant: Plant, sensors: Mappi
         plant=plant,
         sensors={name: sensors[name] for name in own.sensors},
         neighbours=dict(own.neighbours),
-        rng=random_stream(plan.seed, plan.trial, own.name, "estimator"),
+        rng=random_stream(plan.seed, plan.trial, own.stream or own.name, "estimator"),
         told_attacks=bool(own.oracles),
     )
     estimator: Estimator = load_class(own.kind.reference)(setting, **own.kind.parameters)

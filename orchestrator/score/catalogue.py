@@ -53,6 +53,7 @@ class Metric:
         return self.meaning
 
 
+_NO_REFERENCE = "it is the reference, or 'score: {reference: ...}' names none"
 _NO_DETECTOR = "no detector judged these links"
 _NO_COVARIANCE = "it published no usable covariance"
 _NO_PACKET = "no packet was sent"
@@ -73,6 +74,14 @@ METRICS: Mapping[str, Metric] = {
     ),
     "nis.inside": Metric(
         "share of steps whose NIS is within its bounds", "node", undefined="it published no NIS"
+    ),
+    "deviation.component_rms": Metric(
+        "RMS of a component of the difference from the reference's estimate", "node", undefined=_NO_REFERENCE
+    ),
+    "deviation.norm_over_steps": Metric(
+        "root of the summed squared difference from the reference's estimate, over the number of steps",
+        "node",
+        undefined=_NO_REFERENCE,
     ),
     "disagreement": Metric(
         "RMS distance of a network's estimates from their mean",

@@ -76,7 +76,15 @@ def node_value(score: Score, node: NodeScore, metric: str) -> float:
         return float(expected_estimates(score, node) - node.steps_scored)
     if family in ("nees", "nis"):
         return _consistency(node, node.nees if family == "nees" else node.nis, name)
+    if family == "deviation":
+        return _deviation(node, name)
     return _group_error(node, family, name)
+
+
+def _deviation(node: NodeScore, name: str) -> float:
+    if node.divergence_step is not None:
+        return math.inf
+    return math.nan if node.deviation is None else float(getattr(node.deviation, name))
 
 
 def pooled_confusion(links: Sequence[LinkScore]) -> Confusion | None:

@@ -30,6 +30,8 @@ class ScoreOptions:
         Probability of the two-sided chi-square bounds on NEES and NIS.
     detection_grace
         Steps after a window's last attacked packet in which an alarm still counts as its detection.
+    reference
+        Name of an estimator from which the deviation of all others is taken; empty for none.
     node_series
         Keep the error of every node at every step, not only the networks' averages.
     """
@@ -40,6 +42,7 @@ class ScoreOptions:
     confidence: float = 0.95
     detection_grace: int = 0
     node_series: bool = False
+    reference: str = ""
 
     def __post_init__(self) -> None:
         """Refuse values that no score can be made with; raises ValueError."""
@@ -86,6 +89,18 @@ class Consistency(Result, frozen=True, kw_only=True):
     inside: float | None
 
 
+class Deviation(Result, frozen=True, kw_only=True):
+    """The distance from the estimates of a ``reference``, as two ways of normalising it have it.
+
+    With the difference ``d_k`` (n,) in each of T steps, ``component_rms`` is ``sqrt(sum |d_k|^2 / n T)``, and
+    ``norm_over_steps`` is ``sqrt(sum |d_k|^2) / T``.
+    """
+
+    reference: str
+    component_rms: float
+    norm_over_steps: float
+
+
 class NodeScore(Result, frozen=True, kw_only=True):
     """One estimator; ``method`` is the name of its class, ``divergence_step`` None when it never diverged.
 
@@ -95,6 +110,7 @@ class NodeScore(Result, frozen=True, kw_only=True):
     plant. ``nees_undefined`` counts
     estimates, from `from_step` on and before any divergence, whose covariance is absent or not positive
     definite. ``error`` holds the error norms by group and step (only with `ScoreOptions.node_series`).
+    ``deviation`` is that from the reference, None without one.
     ``privileged`` names the attacks whose values an oracle tells it; of an honest estimator it is empty.
     """
 
@@ -113,6 +129,7 @@ class NodeScore(Result, frozen=True, kw_only=True):
     nis_unattacked: Consistency
     error: dict[str, list[float | None]]
     privileged: list[str] = []
+    deviation: Deviation | None = None
 
 
 class NetworkScore(Result, frozen=True, kw_only=True):

@@ -27,6 +27,7 @@ from orchestrator.score.detection import (
     link_confusions,
     total_confusion,
 )
+from orchestrator.score.deviation import deviations
 from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import Bools, Gathered, gather
 from orchestrator.score.judging import judge_expectations
@@ -49,6 +50,7 @@ def _node_scores(
         consistency(estimates.nis, estimates.nis_dof, rows, options.confidence)
         for rows in (counted, counted & attacked, counted & ~attacked)
     )
+    apart = deviations(plan, estimates, errors, steps, options.reference)
     series = errors.norm if options.node_series else {}
     return [
         NodeScore(
@@ -66,6 +68,7 @@ def _node_scores(
             nis_attacked=nis_hit[i],
             nis_unattacked=nis_spared[i],
             error={group: numbers(norm[i]) for group, norm in series.items()},
+            deviation=apart[i],
             privileged=list(dict.fromkeys(label.partition("/")[0] for label in estimator.oracles)),
         )
         for i, estimator in enumerate(plan.estimators)

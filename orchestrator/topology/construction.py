@@ -90,12 +90,14 @@ class EstimatorBuilder:
     def build(self, name: str, neighbours: Mapping[str, float]) -> Estimator | None:
         """Return an estimator, None when its class refuses."""
         checked = self._kinds[name]
+        sections = self._draft.sections
+        stream = sections["estimators"][name].stream or name
         setting = Setting(
             name=name,
             plant=self._plant,
             sensors={sensor: self._sensors[sensor] for sensor in self._listens[name]},
             neighbours=dict(sorted(neighbours.items())),
-            rng=random_stream(self._draft.sections["seed"], self._draft.sections["trial"], name, "estimator"),
+            rng=random_stream(sections["seed"], sections["trial"], stream, "estimator"),
             told_attacks=name in self._told,
         )
         what = f"estimator {checked.found.short_name}"

@@ -22,7 +22,7 @@ from orchestrator.topology.schema import TopologyFile
 _OWN_KEYS: Mapping[str, frozenset[str]] = {
     "plant": frozenset({"model"}),
     "sensors": frozenset({"model"}),
-    "estimators": frozenset({"method", "sensors"}),
+    "estimators": frozenset({"method", "sensors", "stream"}),
     "controllers": frozenset({"law", "estimator"}),
 }
 _ROLES: Mapping[str, Role] = {

@@ -20,7 +20,7 @@ from orchestrator.registry import FoundKind, Role
 RESERVED_PARAMETERS: Mapping[Role, frozenset[str]] = {
     "plants": frozenset({"model"}),
     "sensors": frozenset({"model"}),
-    "estimators": frozenset({"method", "sensors"}),
+    "estimators": frozenset({"method", "sensors", "stream"}),
     "controllers": frozenset({"law", "estimator"}),
     "graphs": frozenset({"directed", "weights"}),
     "impairments": frozenset({"name", "scope", "stream"}),

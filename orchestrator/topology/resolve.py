@@ -89,6 +89,7 @@ def make_plan(
                 wiring.rounds[estimator],
                 tuple(name for name, heard in heard_by.items() if heard == estimator),
                 oracles.get(estimator, ()),
+                sections["estimators"][estimator].stream or "",
             )
             for estimator, checked in kinds.estimators.items()
         ),
@@ -128,7 +129,12 @@ def resolved_document(
         "plant": {"model": kinds.plant.found.name, **kinds.plant.plain},
         "sensors": {node: {"model": kind.found.name, **kind.plain} for node, kind in kinds.sensors.items()},
         "estimators": {
-            node: {"method": kind.found.name, "sensors": list(listens[node]), **kind.plain}
+            node: {
+                "method": kind.found.name,
+                "sensors": list(listens[node]),
+                **_stated_stream(sections["estimators"][node].stream),
+                **kind.plain,
+            }
             for node, kind in kinds.estimators.items()
         },
         "controllers": {
@@ -152,6 +158,10 @@ def resolved_document(
         "score": dataclasses.asdict(sections["score"]),
         "process": sections["process"].model_dump(mode="json"),
     }
+
+
+def _stated_stream(stream: str | None) -> dict[str, str]:
+    return {} if stream is None else {"stream": stream}
 
 
 def _options(stage: DeclaredStage) -> dict[str, Any]:

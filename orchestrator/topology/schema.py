@@ -57,6 +57,9 @@ class EstimatorSection(KindSection):
     sensors: str | list[str] | None = Field(
         default=None, description="sensors it listens to: paired (same number), all, or names and patterns"
     )
+    stream: RunName | None = Field(
+        default=None, description="name of its random stream; those that share one draw alike"
+    )
 
 
 class ControllerSection(KindSection):
