@@ -69,6 +69,9 @@ class Particle:
         self._sensors = likelihood_sensors(setting)
         mean = setting.plant.initial_mean[None]
         self._sizes = {name: sensor.measure(mean).shape[1] for name, sensor in self._sensors.items()}
+        least = self.least_particles(len(mean[0]))
+        if particles < least:
+            raise ValueError(f"{setting.name}: {particles} particles are too few; give at least {least}")
         self._noises: dict[str, Matrix | None] = {
             name: getattr(sensor, "R", None) for name, sensor in self._sensors.items()
         }
@@ -83,6 +86,11 @@ class Particle:
         self._resampled = False
         self._nis = 0.0
         self._nis_dof = 0
+
+    @staticmethod
+    def least_particles(n: int) -> int:
+        """Return the number of particles that the method needs for a state of n components."""
+        return 2
 
     def control(self, step: int, packets: Sequence[Packet]) -> None:
         """Take the input that was commanded in ``step``; ``B u`` is added to the particles that follow."""
