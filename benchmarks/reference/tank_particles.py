@@ -53,10 +53,9 @@ def filtered(
     R: np.ndarray,
     threshold: float,
     share: float = 0.5,
-    seed: int = 0,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """Return the estimates (T, 4) of measurements (T, 4), given what the attack adds (T, 4) if it occurs."""
-    rng = np.random.default_rng(seed)
     levels = initial[:, None] + noise_std * rng.standard_normal((4, particles))
     log_weights = np.zeros(particles)
     kept = (R / (R + noise_std**2))[:, None]
