@@ -53,6 +53,7 @@ class Metric:
         return self.meaning
 
 
+_NO_RECOVERY = "no attacked packet that an estimate (or a variance) of the attack was published for"
 _NO_REFERENCE = "it is the reference, or 'score: {reference: ...}' names none"
 _NO_DETECTOR = "no detector judged these links"
 _NO_COVARIANCE = "it published no usable covariance"
@@ -121,6 +122,18 @@ METRICS: Mapping[str, Metric] = {
         "steps from the first genuine packet after a window to the first accepted one",
         "window",
         undefined="no attack met a detector",
+    ),
+    "recovered.rmse": Metric(
+        "root mean square error of the estimate of what an attack adds to a sensor's packets",
+        "link",
+        total=True,
+        undefined=_NO_RECOVERY,
+    ),
+    "recovered.nees_ratio": Metric(
+        "mean squared error of that estimate over its claimed variance; 1 when consistent",
+        "link",
+        total=True,
+        undefined=_NO_RECOVERY,
     ),
     "packets.sent": Metric("packets sent", "link", total=True),
     "packets.lost": Metric("packets lost", "link", total=True),

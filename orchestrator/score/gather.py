@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from bus import keys
 from bus.integrity import Gate
-from bus.messages import ChannelEvents, Estimate, Inbox, Message, Truth
+from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
 from bus.packets import ORACLE, packets_of_inbox
 from bus.plan import Plan
 from orchestrator.errors import InputError
+from orchestrator.score.recovered import FalseDataListener
 
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
@@ -80,6 +81,7 @@ class Gathered:
     events: Packets
     injections: Packets
     counts: Ints
+    false_data: FalseDataListener
 
 
 COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
@@ -128,6 +130,7 @@ class _Gatherer:
         self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
+        self.false_data = FalseDataListener(plan)
         self.truth: dict[int, list[float]] = {}
         self.estimates = array("q")  # seven numbers an estimate, see `take_estimate`
         self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
@@ -145,6 +148,7 @@ class _Gatherer:
 
     def take_estimate(self, topic: str, message: Estimate) -> None:
         name, step = _node(topic), message.step
+        self.false_data.take_estimate(name, message)
         sizes = len(message.state), len(message.covariance)
         node = self.estimators[name]
         self.estimates.extend((node, step, message.refers_to, message.diverged, message.nis_dof, *sizes))
@@ -161,6 +165,7 @@ class _Gatherer:
     def take_inbox(self, topic: str, message: Inbox) -> None:
         if not message.source:
             return
+        self.false_data.take_inbox(topic, message)
         node, phase = topic.split("/")[1:3]
         rows, sources, sequences = self.deliveries, message.source, message.sequence
         norms = _norms(message)
@@ -187,6 +192,7 @@ class _Gatherer:
             self.last_events[topic, message.round] = message
         if message.event_link:
             self._take_acts(message)
+            self.false_data.take_events(message)
 
     def _take_acts(self, message: ChannelEvents) -> None:
         columns = (message.event_link, message.event_stage, message.event_sequence, message.event_action)
@@ -216,6 +222,7 @@ class _Gatherer:
             events=self.events.packets(),
             injections=self.injections.packets(),
             counts=self._counts(),
+            false_data=self.false_data,
         )
 
     def _truth(self) -> Floats:
@@ -299,6 +306,7 @@ def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:
         Truth: gatherer.take_truth,
         Estimate: gatherer.take_estimate,
         Inbox: gatherer.take_inbox,
+        Transmission: gatherer.false_data.take_transmission,
         ChannelEvents: gatherer.take_events,
     }
     for topic, message in records:

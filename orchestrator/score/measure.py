@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 from orchestrator.score.catalogue import Metric
 from orchestrator.score.results import (
@@ -106,6 +107,19 @@ def _traffic(links: Sequence[LinkScore], name: str) -> float:
     return _or_nan(getattr(pooled, name))
 
 
+def _recovered(links: Sequence[LinkScore], name: str) -> float:
+    """Return how well attacks were recovered on some links, their packets pooled."""
+    parts = [link.recovered for link in links if link.recovered is not None]
+    if name == "nees_ratio":
+        parts = [part for part in parts if part.nees_ratio is not None]
+    weights = [part.packets for part in parts]
+    if not weights:
+        return math.nan
+    if name == "rmse":
+        return math.sqrt(fmean([part.rmse**2 for part in parts], weights))
+    return fmean([part.nees_ratio or 0.0 for part in parts], weights)
+
+
 def link_value(chosen: LinkSet, metric: str) -> float:
     """Return a metric of a set of links, their packets pooled."""
     family, _, name = metric.partition(".")
@@ -114,6 +128,8 @@ def link_value(chosen: LinkSet, metric: str) -> float:
     if family == "lockouts":
         names = chosen.names
         return float(sum(lockout.link in names for lockout in chosen.score.lockouts))
+    if family == "recovered":
+        return _recovered(chosen.links, name)
     pooled = pooled_confusion(chosen.links)
     if pooled is None:
         return math.nan

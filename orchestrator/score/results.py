@@ -238,8 +238,24 @@ class Traffic(Result, frozen=True, kw_only=True):
         )
 
 
+class RecoveredAttack(Result, frozen=True, kw_only=True):
+    """An estimator's estimate of what is added to a sensor's packets, over the attacked ones that it used.
+
+    ``rmse`` is the root mean square of the Euclidean norm of its error. ``nees_ratio`` is the mean of the
+    squared error over its claimed variance, component by component: 1 when consistent, None when none is
+    claimed.
+    """
+
+    packets: int
+    rmse: float
+    nees_ratio: float | None
+
+
 class LinkScore(Result, frozen=True, kw_only=True):
-    """One link. ``detector`` is None when no verdict was ever given on it."""
+    """One link. ``detector`` is None when no verdict was ever given on it.
+
+    ``recovered`` is None unless its receiver estimates the attack on it, and there was one.
+    """
 
     name: str
     source: str
@@ -247,6 +263,7 @@ class LinkScore(Result, frozen=True, kw_only=True):
     stream: str
     traffic: Traffic
     detector: Confusion | None
+    recovered: RecoveredAttack | None = None
 
 
 class Outcome(Result, frozen=True, kw_only=True):

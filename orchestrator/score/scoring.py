@@ -88,6 +88,7 @@ def _measured(
     counted = np.arange(plan.steps) >= options.from_step
     nodes = _node_scores(plan, gathered, errors, attacked_steps(plan, judgement), options)
     by_link, total = traffic(gathered)
+    recovered = gathered.false_data.recovered(len(plan.links), options.from_step)
     links = [
         LinkScore(
             name=link.name,
@@ -96,8 +97,11 @@ def _measured(
             stream=link.stream,
             traffic=packets,
             detector=detector,
+            recovered=attack,
         )
-        for link, packets, detector in zip(plan.links, by_link, link_confusions(judgement), strict=True)
+        for link, packets, detector, attack in zip(
+            plan.links, by_link, link_confusions(judgement), recovered, strict=True
+        )
     ]
     complete = bool(gathered.truth_present.all()) and all(node.complete for node in nodes)
     return Score(
