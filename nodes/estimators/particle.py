@@ -81,7 +81,8 @@ class Particle:
         self._enough = resample_below * particles
         self._noise, self._choice, self._own = sequential_streams(setting.rng, 3)
         self._states: Matrix = np.empty((0, 0))
-        self._weights: Vector = np.full(particles, 1.0 / particles)
+        self._equal: Vector = np.full(particles, 1.0 / particles)
+        self._weights = self._equal
         self._log_weights: Vector = np.zeros(particles)
         self._resampled = False
         self._nis = 0.0
@@ -135,8 +136,8 @@ class Particle:
         if self._resampled and self._resample is not None:
             chosen = self._resample(self._weights, self._choice)
             self._states = self._states.T.take(chosen, axis=1).T
-            self._weights = np.full(self._number, 1.0 / self._number)
-            self._log_weights = np.zeros(self._number)
+            self._weights = self._equal
+            self._log_weights.fill(0.0)
         self._states = self._plant.sample(self._states, self._noise)
         if self._input.effect is not None:
             self._states = self._states + self._input.effect

@@ -211,6 +211,26 @@ def test_through_the_channel_the_told_filter_is_the_clean_one_until_its_first_wr
     assert checked > 2 * STEPS
 
 
+def test_with_a_sensor_for_each_level_each_is_attacked_for_itself_and_for_all_who_hear_it_alike() -> None:
+    topology = load_topology(FOLDER / "four_sensors.yaml")
+    steps: dict[str, set[int]] = {}
+
+    def keep(topic: str, message: Message) -> None:
+        if isinstance(message, ChannelEvents):
+            for link in message.event_link:
+                steps.setdefault(link, set()).add(message.step)
+
+    run_messages(topology.plan, keep)
+    by_sensor = [
+        {tuple(sorted(found)) for link, found in steps.items() if link.startswith(f"s{i}->")}
+        for i in range(1, 5)
+    ]
+    assert len(steps) == 12
+    assert [len(found) for found in by_sensor] == [1] * 4, "all three estimators meet the same attack"
+    assert len(set.union(*by_sensor)) == 4, "no two sensors do"
+    assert all(35 < len(found) < 65 for found in steps.values())
+
+
 @trials
 def test_attacks_below_the_least_norm_pass_and_larger_ones_do_not(trials: int) -> None:
     found = runs("proposed", trials)
