@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -12,6 +11,9 @@ from bus.packets import Vector
 from nodes.chunks import chunks
 from nodes.contract import Matrix
 from nodes.estimators.linear_gaussian import cholesky, mahalanobis_squared
+
+
+_GREATEST = float(np.finfo(np.float64).max)
 
 
 class Moments(NamedTuple):
@@ -54,4 +56,4 @@ def normalised_innovation_squared(values: Vector, predicted: Moments, noise: Mat
     the covariance is a sample's: for few of them the mean of this figure is larger than m.
     """
     factor = cholesky(predicted.covariance + noise)
-    return min(mahalanobis_squared(values - predicted.mean, factor), sys.float_info.max)
+    return min(mahalanobis_squared(values - predicted.mean, factor), _GREATEST)
