@@ -12,7 +12,6 @@ from nodes.chunks import chunks
 from nodes.contract import Matrix
 from nodes.estimators.linear_gaussian import cholesky, mahalanobis_squared
 
-
 _GREATEST = float(np.finfo(np.float64).max)
 
 
