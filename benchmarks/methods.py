@@ -9,7 +9,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from benchmarks import hybrid
+from benchmarks import hybrid, particles
 from benchmarks.comparison import Comparison, at_most
 from benchmarks.effort import Effort
 from benchmarks.networks import load_text, network, ring, run_counting, tanks
@@ -35,15 +35,6 @@ METHODS = {
 TANK_METHODS = {
     "extended_kalman, tanks": "{method: extended_kalman, sensors: [s1]}",
     "unscented_kalman, tanks": "{method: unscented_kalman, sensors: [s1]}",
-    "particle_fdi as published, 100 particles": (
-        "{method: particle_fdi, sensors: [s1], minimum_attack: 0.28, particles: 100, resampling: none}"
-    ),
-    "particle_fdi, 100 particles": (
-        "{method: particle_fdi, sensors: [s1], minimum_attack: 0.28, particles: 100}"
-    ),
-    "particle_fdi, 10,000 particles": (
-        "{method: particle_fdi, sensors: [s1], minimum_attack: 0.28, particles: 10000}"
-    ),
 }
 
 Job = Callable[[], None]
@@ -67,6 +58,7 @@ def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
         for name, plan in methods.items():
             samples[name].append(_method_us(plan))
     with threadpool_limits(limits=1, user_api="blas"):
+        particle_rows = particles.measure(effort)
         hybrid_rows = hybrid.measure(effort)
     unit = "µs/node step"
     by_size = Comparison(
@@ -81,6 +73,7 @@ def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
     return [
         by_size,
         *(Comparison("g", f"{name}: mathematics alone", unit, samples[name]) for name in methods),
+        *particle_rows,
         *hybrid_rows,
     ]
 

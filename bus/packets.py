@@ -13,6 +13,12 @@ from bus.messages import Inbox, Transmission
 
 Vector = NDArray[np.float64]
 
+ORACLE = "oracle"
+"""The kind of a packet that holds what an adversary adds to a sensor's measurement (m,), whenever it does.
+
+``source`` is the sensor. Only the channel makes such packets, for estimators that are granted the privilege.
+"""
+
 UNSEALED = -1
 """The seal of a packet whose sender does not seal its packets."""
 _ONE_PACKET = [0]

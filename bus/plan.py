@@ -43,7 +43,8 @@ class EstimatorPlan:
     """An estimator node: the sensors it hears, and its in-neighbours with their weights ``h_ij``, sorted.
 
     ``controllers`` tell it the inputs that they command. ``send`` is the kind of its event trigger, None when
-    it always sends.
+    it always sends. ``oracles`` are the labels of the stages of which the channel tells it what they add to
+    its measurements. ``stream`` names its random stream; its own name when empty.
     """
 
     name: str
@@ -53,6 +54,8 @@ class EstimatorPlan:
     rounds: int
     controllers: tuple[str, ...] = ()
     send: Kind | None = None
+    oracles: tuple[str, ...] = ()
+    stream: str = ""
 
 
 @dataclass(frozen=True)

@@ -186,6 +186,13 @@ class Lane:
         """Return the packets of a slot outside the steps of action."""
         return packets
 
+    def reveal(self, slot: Slot, values: Vector) -> Vector | None:
+        """Return what it adds to a payload (m,) in a slot if it attacks it, whether it does so or not.
+
+        An estimator that is granted it is told so. None, for all kinds by default, when that cannot be told.
+        """
+        return None
+
     def quiet_until(self, step: int) -> int:
         """Return a step before which, from the given one on, `act` and `rest` would hand on what they get.
 
@@ -199,7 +206,8 @@ class Stage(Protocol):
     """One declared stage over all its links. A kind is constructed as ``Kind(placement, **parameters)``.
 
     A kind may declare more: ``default_integrity`` (``"crc"``: its senders seal their packets unless told
-    otherwise), ``acts_as_sender`` (True: it stands for a part of the sender, and seals in its name).
+    otherwise), ``acts_as_sender`` (True: it stands for a part of the sender, and seals in its name),
+    ``reveals`` (True: its lanes tell what they add).
 
     Its lanes are called in the order of the slots on each link, but in any order over links: what it draws
     for a shared stream must depend on the step alone.

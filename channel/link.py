@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
-from bus.packets import Packet
+from bus.packets import ORACLE, Packet, Vector
 from bus.plan import LinkPlan
 from bus.schedules import Timing
 from channel.contract import NEVER, Lane, Ledger, Slot, Stage
@@ -54,7 +54,8 @@ class PlacedLane:
 class Link:
     """One link's stages, each with its timing, and who receives what is left.
 
-    ``receiver`` is the number of its receiver, ``place`` that of its slot in the receiver's inbox.
+    ``receiver`` is the number of its receiver, ``place`` that of its slot in the receiver's inbox, and
+    ``oracles`` are the stages of which the receiver is told.
 
     Before the step ``quiet`` only the ``plain`` ones among the stages need be called.
     """
@@ -64,6 +65,7 @@ class Link:
         "keepers",
         "name",
         "number",
+        "oracles",
         "place",
         "placed",
         "plain",
@@ -80,6 +82,7 @@ class Link:
         place: int,
         stages: Mapping[str, tuple[Timing, Stage]],
         last_step: int,
+        oracles: Collection[str] = (),
     ) -> None:
         self.number = number
         self.name = plan.name
@@ -91,6 +94,8 @@ class Link:
         self.placed = [PlacedLane(timing, lane, last_step) for timing, lane in lanes if not _is_idle(lane)]
         self.keepers = [placed.lane for placed in self.placed if placed.keeps]
         self.plain = [placed.act for placed in self.placed if placed.plain]
+        told = [label in oracles for label in plan.stages]
+        self.oracles = [own for own, is_told in zip(lanes, told, strict=True) if is_told]
         self.quiet = 0 if len(self.plain) < len(self.placed) else NEVER
 
     def carry(
@@ -112,6 +117,23 @@ class Link:
                 quiet = placed.quiet
         self.quiet = quiet
         return packets
+
+    def told(self, slot: Slot, packets: Sequence[Packet]) -> Packet | None:
+        """Return what the receiver is told of a slot in which packets were sent: what its stages add, in all.
+
+        None in a step in which none of them may act.
+        """
+        if not packets:
+            return None
+        step = slot.step
+        values = packets[0].values
+        added: Vector | None = None
+        for timing, lane in self.oracles:
+            more = lane.reveal(slot, values) if timing.first <= step <= timing.last else None
+            if more is not None:
+                added = more if added is None else added + more
+                values = values + more
+        return None if added is None else Packet(self.source, step, step, ORACLE, added)
 
 
 def _is_idle(lane: Lane) -> bool:

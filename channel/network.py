@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from bus import keys
 from bus.integrity import Forger, Gate
 from bus.kinds import load_class
 from bus.messages import ChannelEvents
-from bus.packets import Packet
+from bus.packets import ORACLE, Packet
 from bus.plan import Plan, StagePlan
 from bus.random_streams import random_stream
 from bus.schedules import Timing
@@ -50,14 +51,18 @@ def build_stage(plan: Plan, stage: StagePlan) -> Stage:
 
 
 class _Inbox:
-    """The slots of one receiver in one round of a step, in the order of their sources' names."""
+    """The slots of one receiver in one round of a step, in the order of their sources' names.
 
-    __slots__ = ("has_impostors", "left", "slots")
+    ``told`` holds, by the place of a slot, what the receiver is told of the attack on it.
+    """
+
+    __slots__ = ("has_impostors", "left", "slots", "told")
 
     def __init__(self, links: int) -> None:
         self.left = links
         self.slots: list[Sequence[Packet]] = [()] * links
         self.has_impostors = False
+        self.told: dict[int, Packet] = {}
 
 
 class _Account:
@@ -97,6 +102,7 @@ class PhaseNetwork:
         self._period_s = plan.period_s
         self._plan = plan
         self._rounds = {estimator.name: estimator.rounds for estimator in plan.estimators}
+        oracles = {estimator.name: estimator.oracles for estimator in plan.estimators}
         links = sorted(plan.links_of(stream), key=lambda link: -self._rounds.get(link.source, 1))
         self._names = [
             [link.name for link in links if self._rounds.get(link.source, 1) > round_]
@@ -110,7 +116,8 @@ class PhaseNetwork:
         receivers = {name: number for number, name in enumerate(sources)}
         for number, link in enumerate(links):
             place = sources[link.destination].index(link.source)
-            one = Link(number, link, receivers[link.destination], place, stages, plan.steps - 1)
+            told = oracles.get(link.destination, ()) if stream == keys.MEASUREMENT else ()
+            one = Link(number, link, receivers[link.destination], place, stages, plan.steps - 1, told)
             self._from.setdefault(link.source, []).append(one)
         self._in_degrees = [len(names) for names in sources.values()]
         self._gates = {receiver: Gate(plan, names) for receiver, names in sources.items()}
@@ -177,6 +184,10 @@ class PhaseNetwork:
             if arrived is not packets:
                 arrived = self._settle(link, slot, arrived, account, inbox)
             inbox.slots[link.place] = arrived
+            if link.oracles:
+                told = link.told(slot, packets)
+                if told is not None:
+                    inbox.told[link.place] = told
             inbox.left -= 1
             if not inbox.left:
                 complete.append((link.destination, self._packets(link.destination, slot, inbox)))
@@ -186,8 +197,14 @@ class PhaseNetwork:
     def _settle(
         self, link: Link, slot: Slot, arrived: Sequence[Packet], account: _Account, inbox: _Inbox
     ) -> Sequence[Packet]:
-        """Account for what the stages of a link made of a slot; return its packets in a drawn order."""
-        refused = 0
+        """Account for what the stages of a link made of a slot; return its packets in a drawn order.
+
+        No stage speaks as an oracle: such a packet is refused here, for its receiver could not tell.
+        """
+        genuine = [packet for packet in arrived if packet.kind != ORACLE]
+        refused = len(arrived) - len(genuine)
+        if refused:
+            arrived = genuine
         for packet in arrived:
             if packet.source != link.source:
                 inbox.has_impostors = True
@@ -213,12 +230,15 @@ class PhaseNetwork:
         return [by_content[index] for index in permutation(draws.at(slot.number), len(by_content))]
 
     def _packets(self, receiver: str, slot: Slot, inbox: _Inbox) -> list[Packet]:
-        """Return the packets of a whole inbox; those that come in another's name stand among the genuine."""
+        """Return the packets of a whole inbox; those that come in another's name stand among the genuine.
+
+        What oracles tell the receiver stands behind them.
+        """
         packets = [packet for packets in inbox.slots for packet in packets]
-        if not inbox.has_impostors:
-            return packets
-        shuffled = self._shuffled(f"->{receiver}", slot, packets)
-        return sorted(shuffled, key=lambda packet: packet.source)
+        if inbox.has_impostors:
+            shuffled = self._shuffled(f"->{receiver}", slot, packets)
+            packets = sorted(shuffled, key=lambda packet: packet.source)
+        return packets + [inbox.told[place] for place in sorted(inbox.told)]
 
     def take_events(self, step: int, round_: int) -> ChannelEvents | None:
         """Return the events of a phase once every slot has passed, None before."""

@@ -36,7 +36,8 @@ def build_estimator(plan: Plan, own: EstimatorPlan, plant: Plant, sensors: Mappi
         plant=plant,
         sensors={name: sensors[name] for name in own.sensors},
         neighbours=dict(own.neighbours),
-        rng=random_stream(plan.seed, plan.trial, own.name, "estimator"),
+        rng=random_stream(plan.seed, plan.trial, own.stream or own.name, "estimator"),
+        told_attacks=bool(own.oracles),
         trigger=build_trigger(plan, own, plant) if takes_trigger(own) else None,
         sensor_triggers={
             sensor.name: trigger

@@ -15,12 +15,6 @@ import numpy as np
 
 from bus.packets import Packet, Vector
 
-ORACLE = "oracle"
-"""The kind of a packet that holds what an adversary adds to a sensor's measurement (m,), whenever it does.
-
-``source`` is the sensor. Only an estimator that was granted the privilege receives such packets.
-"""
-
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
@@ -168,7 +162,8 @@ class Setting:
     rng: np.random.Generator
     """Its own random stream."""
     told_attacks: bool = False
-    """Whether the topology grants it the truth about the attacks on its measurements, as `ORACLE` packets."""
+    """Whether the topology grants it the truth about the attacks on its measurements, as packets of the kind
+    `bus.packets.ORACLE`."""
     trigger: Trigger | None = None
     """Its own event trigger, for a method whose class says ``takes_trigger = True``: it asks the trigger
     itself. That of any other method acts on its payloads, behind its back."""
@@ -214,6 +209,9 @@ class Estimator(Protocol):
 
     One that predicts with the plant's input has a further method ``control(step, packets)``: before `correct`
     of the step after, it is given what controllers commanded in ``step``.
+
+    One that can be told of the attacks on its measurements has the attribute ``takes_oracles``, True when it
+    makes use of it; to no other can the privilege be granted.
     """
 
     rounds: int

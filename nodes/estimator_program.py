@@ -11,7 +11,7 @@ import numpy as np
 from bus import keys
 from bus.integrity import Gate
 from bus.messages import Estimate, Inbox
-from bus.packets import Packet, packets_of_inbox, transmission
+from bus.packets import ORACLE, Packet, packets_of_inbox, transmission
 from bus.plan import EstimatorPlan, Plan
 from bus.program import Port, Program, every_step
 from nodes.contract import Belief, Estimator, Trigger
@@ -145,6 +145,13 @@ def estimator_program(
     def admitted(inbox: Inbox, gate: Gate) -> Sequence[Packet]:
         nonlocal refused
         packets = packets_of_inbox(inbox)
+        if ORACLE in inbox.kind:
+            hears = bool(own.oracles) and gate is measured
+            told = [packet for packet in packets if hears and packet.kind == ORACLE]
+            said = [packet for packet in packets if packet.kind != ORACLE]
+            let_in = gate.admit(said)
+            refused += len(packets) - len(let_in) - len(told)
+            return [*let_in, *told]
         if gate.is_open_to(inbox.source):
             return packets
         let_in = gate.admit(packets)

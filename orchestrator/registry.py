@@ -64,6 +64,10 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "kalman_centralized": "nodes.estimators.kalman_centralized:KalmanCentralized",
                 "extended_kalman": "nodes.estimators.extended_kalman:ExtendedKalman",
                 "unscented_kalman": "nodes.estimators.unscented_kalman:UnscentedKalman",
+                "distributed_particle": "nodes.estimators.distributed_particle:DistributedParticle",
+                "distributed_particle_fdi": (
+                    "nodes.estimators.distributed_particle_fdi:DistributedParticleFdi"
+                ),
                 "particle": "nodes.estimators.particle:Particle",
                 "particle_fdi": "nodes.estimators.particle_fdi:ParticleFdi",
                 "particle_unweighted": "nodes.estimators.particle_unweighted:ParticleUnweighted",

@@ -23,6 +23,7 @@ class Bias:
     """
 
     open_loop: ClassVar[bool] = True
+    reveals: ClassVar[bool] = True
 
     def __init__(
         self, placement: Placement, *, value: float | list[float], components: list[int] | None = None
@@ -43,3 +44,6 @@ class _BiasLane(FalsifyingLane):
 
     def false(self, slot: Slot, values: Vector) -> Vector:
         return values + self._value
+
+    def added(self, slot: Slot, values: Vector) -> Vector:
+        return self._value

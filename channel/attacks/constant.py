@@ -23,6 +23,7 @@ class Constant:
     """
 
     open_loop: ClassVar[bool] = True
+    reveals: ClassVar[bool] = True
 
     def __init__(
         self, placement: Placement, *, value: float | list[float], components: list[int] | None = None
@@ -43,3 +44,6 @@ class _ConstantLane(FalsifyingLane):
 
     def false(self, slot: Slot, values: Vector) -> Vector:
         return np.broadcast_to(self._value, values.shape)
+
+    def added(self, slot: Slot, values: Vector) -> Vector:
+        return self._value - values

@@ -36,6 +36,7 @@ class ConvergingBias:
     """
 
     open_loop: ClassVar[bool] = True
+    reveals: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -95,4 +96,7 @@ class _ConvergingLane(FalsifyingLane):
         return super().act(slot, packets, ledger)
 
     def false(self, slot: Slot, values: Vector) -> Vector:
-        return values + self._gamma(slot.step - self.placement.first)
+        return values + self.added(slot, values)
+
+    def added(self, slot: Slot, values: Vector) -> Vector:
+        return self._gamma(slot.step - self.placement.first)

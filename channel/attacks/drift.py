@@ -25,6 +25,7 @@ class Drift:
     """
 
     open_loop: ClassVar[bool] = True
+    reveals: ClassVar[bool] = True
 
     def __init__(
         self, placement: Placement, *, rate: float | list[float], components: list[int] | None = None
@@ -47,4 +48,7 @@ class _DriftLane(FalsifyingLane):
         self._before = placement.first - 1
 
     def false(self, slot: Slot, values: Vector) -> Vector:
-        return values + (slot.step - self._before) * self._rate
+        return values + self.added(slot, values)
+
+    def added(self, slot: Slot, values: Vector) -> Vector:
+        return (slot.step - self._before) * self._rate

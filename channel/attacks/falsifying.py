@@ -61,6 +61,28 @@ class FalsifyingLane(Lane):
         """Return what the attacked part of a payload says instead of ``values``, None for no change."""
         raise NotImplementedError
 
+    def added(self, slot: Slot, values: Vector) -> Vector | None:
+        """Return what is added to ``values``, those of the attacked part; None when that cannot be told."""
+        return None
+
+    def reveal(self, slot: Slot, values: Vector) -> Vector | None:
+        """Return what is added to a payload, nothing where it is not attacked."""
+        index = self.part.index
+        try:
+            added = self.added(slot, values[index])
+            if added is None:
+                return None
+            whole = np.zeros_like(values)
+            whole[index] = added
+        except (ValueError, IndexError) as error:
+            raise self._misfit(values) from error
+        return whole
+
+    def _misfit(self, values: Vector) -> ValueError:
+        return ValueError(
+            f"{self.label} on {self.link} does not fit a payload of {values.size} values; {self.cure}"
+        )
+
     def act(self, slot: Slot, packets: Sequence[Packet], ledger: Ledger) -> Sequence[Packet]:
         """Falsify each packet of a slot; a packet whose values stay the same was not attacked."""
         changed = [self._falsified(slot, packet, ledger) for packet in packets]
@@ -76,9 +98,7 @@ class FalsifyingLane(Lane):
             elif false is not None:
                 values[index] = false
         except (ValueError, IndexError) as error:
-            raise ValueError(
-                f"{self.label} on {self.link} does not fit a payload of {values.size} values; {self.cure}"
-            ) from error
+            raise self._misfit(values) from error
         magnitude = distance(values, packet.values)
         if magnitude == 0.0:
             return packet

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.packets import Vector
+from nodes.chunks import chunks
 from nodes.contract import LikelihoodSensor, LinearSensor, Matrix, NonlinearSensor
 
 
@@ -67,13 +68,17 @@ class UpdatedParticles:
 
     def statistic(self, values: Vector, states: Matrix, predicted: Matrix) -> float:
         """Return ``beta`` for a measurement (m,), given particles (N, n) and what they predict (N, m)."""
-        residuals = (values - predicted).T
-        if self._sensor is None:
-            residuals = self._left.dot(residuals)
-        else:
-            residuals = (values - self._sensor.measure(states + self._gain.dot(residuals).T)).T
-        residuals = residuals * residuals
-        return float(np.count_nonzero(residuals.sum(axis=0) > self._square)) / len(predicted)
+        outside = 0
+        for chunk in chunks(len(predicted)):
+            residuals = (values - predicted[chunk]).T
+            if self._sensor is None:
+                residuals = self._left.dot(residuals)
+            else:
+                updated = states[chunk] + self._gain.dot(residuals).T
+                residuals = (values - self._sensor.measure(updated)).T
+            residuals *= residuals
+            outside += int(np.count_nonzero(residuals.sum(axis=0) > self._square))
+        return outside / len(predicted)
 
 
 class WeightedResiduals:

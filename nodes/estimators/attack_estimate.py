@@ -7,15 +7,21 @@ from typing import Protocol
 import numpy as np
 
 from bus.packets import Vector
+from nodes.contract import Matrix
 
 
 class AttackEstimate(Protocol):
     """The estimate of what an adversary adds to one sensor's measurement (m,), in the present step."""
 
-    value: Vector
-    """The estimate (m,)."""
-    variance: Vector
-    """Its error variance (m,), as far as the source knows."""
+    @property
+    def value(self) -> Vector:
+        """The estimate (m,)."""
+        ...
+
+    @property
+    def variance(self) -> Vector:
+        """Its error variance (m,), as far as the source knows."""
+        ...
 
     def predict(self, told: Vector | None) -> None:
         """Move to the next step; ``told`` (m,) is the adversary's word, where the topology grants it."""
@@ -45,36 +51,39 @@ class ConvergingBiasTracker:
     """
 
     def __init__(self, size: int, *, pole: float, target_std: float, wander_std: float) -> None:
-        self._pole, self._rest = pole, 1.0 - pole
-        self._wander = wander_std**2
-        self.value: Vector = np.zeros(size)
-        self.variance: Vector = np.zeros(size)
-        self._target: Vector = np.zeros(size)
-        self._joint: Vector = np.zeros(size)
-        self._target_variance: Vector = np.full(size, target_std**2)
+        rest = 1.0 - pole
+        self._move = np.array([[pole, rest], [0.0, 1.0]])
+        self._spread = np.array(
+            [[pole * pole, 2.0 * pole * rest, rest * rest], [0.0, pole, rest], [0.0, 0.0, 1.0]]
+        )
+        self._wander = wander_std**2 * np.array([[1.0], [0.0], [1.0]])
+        self._mean: Matrix = np.zeros((2, size))
+        self._covariance: Matrix = np.zeros((3, size))
+        self._covariance[2] = target_std**2
+
+    @property
+    def value(self) -> Vector:
+        """The estimate (m,) of gamma."""
+        value: Vector = self._mean[0]
+        return value
+
+    @property
+    def variance(self) -> Vector:
+        """The error variance (m,) of gamma."""
+        variance: Vector = self._covariance[0]
+        return variance
 
     def predict(self, told: Vector | None) -> None:
         """Move gamma one step towards the target."""
-        pole, rest = self._pole, self._rest
-        self.value = pole * self.value + rest * self._target
-        self.variance = (
-            pole * pole * self.variance
-            + 2.0 * pole * rest * self._joint
-            + rest * rest * self._target_variance
-            + self._wander
-        )
-        self._joint = pole * self._joint + rest * self._target_variance
-        self._target_variance = self._target_variance + self._wander
+        self._mean = self._move.dot(self._mean)
+        self._covariance = self._spread.dot(self._covariance) + self._wander
 
     def update(self, innovation: Vector, variance: Vector) -> None:
         """Correct both by the innovation (m,) of a measurement of gamma with this variance (m,)."""
-        surprise = (innovation - self.value) / (self.variance + variance)
-        share = 1.0 / (self.variance + variance)
-        self.value = self.value + self.variance * surprise
-        self._target = self._target + self._joint * surprise
-        self._target_variance = self._target_variance - self._joint * self._joint * share
-        self._joint = self._joint * (1.0 - self.variance * share)
-        self.variance = self.variance * (1.0 - self.variance * share)
+        own, joint, target = self._covariance
+        gain = self._covariance[:2] / (own + variance)
+        self._mean = self._mean + gain * (innovation - self._mean[0])
+        self._covariance = np.array((own - gain[0] * own, joint - gain[0] * joint, target - gain[1] * joint))
 
 
 class ToldAttack:

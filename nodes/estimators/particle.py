@@ -9,10 +9,17 @@ import numpy as np
 from annotated_types import Ge, Interval
 
 from bus.packets import Packet, Vector
+from bus.random_streams import sequential_streams
 from nodes.contract import Belief, LikelihoodSensor, Matrix, SampledPlant, Setting
 from nodes.estimators.arrivals import measurements
 from nodes.estimators.commanded_input import CommandedInput
 from nodes.estimators.linear_gaussian import refuse_innovations
+from nodes.estimators.particle_moments import (
+    Moments,
+    moments,
+    normalised_innovation_squared,
+    stacked_noise,
+)
 from nodes.estimators.resampling import SCHEMES, Scheme, effective_sample_size
 
 
@@ -62,15 +69,29 @@ class Particle:
         self._sensors = likelihood_sensors(setting)
         mean = setting.plant.initial_mean[None]
         self._sizes = {name: sensor.measure(mean).shape[1] for name, sensor in self._sensors.items()}
+        least = self.least_particles(len(mean[0]))
+        if particles < least:
+            raise ValueError(f"{setting.name}: {particles} particles are too few; give at least {least}")
+        self._noises: dict[str, Matrix | None] = {
+            name: getattr(sensor, "R", None) for name, sensor in self._sensors.items()
+        }
         self._input = CommandedInput(setting.plant)
         self._number = particles
         self._resample = SCHEMES.get(resampling)
         self._enough = resample_below * particles
-        self._noise, self._choice, self._own = setting.rng.spawn(3)
+        self._noise, self._choice, self._own = sequential_streams(setting.rng, 3)
         self._states: Matrix = np.empty((0, 0))
-        self._weights: Vector = np.full(particles, 1.0 / particles)
+        self._equal: Vector = np.full(particles, 1.0 / particles)
+        self._weights = self._equal
         self._log_weights: Vector = np.zeros(particles)
         self._resampled = False
+        self._nis = 0.0
+        self._nis_dof = 0
+
+    @staticmethod
+    def least_particles(n: int) -> int:
+        """Return the number of particles that the method needs for a state of n components."""
+        return 2
 
     def control(self, step: int, packets: Sequence[Packet]) -> None:
         """Take the input that was commanded in ``step``; ``B u`` is added to the particles that follow."""
@@ -82,6 +103,7 @@ class Particle:
             self._states = self._plant.sample_initial(self._number, self._noise)
         else:
             self._move()
+        self._nis, self._nis_dof = 0.0, 0
         current = measurements(step, packets, self._sizes)
         if current:
             self._weigh(current)
@@ -92,14 +114,15 @@ class Particle:
         return None
 
     def estimate(self, step: int) -> Belief:
-        """Return the mean and the covariance of the weighted particles.
+        """Return the mean and the covariance of the weighted particles, and the NIS of the measurements.
+
+        The NIS takes the packets as they came, and what the particles predicted of them; there is none when
+        a sensor has no noise covariance ``R``.
 
         Diagnostics: ``effective_sample_size``, and whether the particles were ``resampled`` in this step.
         """
-        mean: Vector = self._weights.dot(self._states)
-        deviations = (self._states - mean).T
-        covariance: Matrix = (deviations * self._weights).dot(deviations.T)
-        return Belief(mean, 0.5 * (covariance + covariance.T), diagnostics=self._diagnostics())
+        mean, covariance = moments(self._weights, self._states)
+        return Belief(mean, covariance, nis=self._nis, nis_dof=self._nis_dof, diagnostics=self._diagnostics())
 
     def _diagnostics(self) -> dict[str, float]:
         return {
@@ -113,18 +136,32 @@ class Particle:
         if self._resampled and self._resample is not None:
             chosen = self._resample(self._weights, self._choice)
             self._states = self._states.T.take(chosen, axis=1).T
-            self._weights = np.full(self._number, 1.0 / self._number)
-            self._log_weights = np.zeros(self._number)
+            self._weights = self._equal
+            self._log_weights.fill(0.0)
         self._states = self._plant.sample(self._states, self._noise)
         if self._input.effect is not None:
             self._states = self._states + self._input.effect
 
     def _weigh(self, packets: Sequence[Packet]) -> None:
         """Weigh the particles by at least one packet of this step (6)."""
-        for packet in packets:
-            sensor = self._sensors[packet.source]
-            self._multiply(sensor.log_likelihood(packet.values, sensor.measure(self._states)))
+        predictions = [self._sensors[packet.source].measure(self._states) for packet in packets]
+        whole = moments(self._weights, predictions[0] if len(packets) == 1 else np.hstack(predictions))
+        noises = [self._noises[packet.source] for packet in packets]
+        known = [noise for noise in noises if noise is not None]
+        if len(known) == len(packets):
+            values = np.concatenate([packet.values for packet in packets])
+            self._nis = normalised_innovation_squared(values, whole, stacked_noise(known))
+            self._nis_dof = values.size
+        end = 0
+        for packet, predicted in zip(packets, predictions, strict=True):
+            begin, end = end, end + packet.values.size
+            own = Moments(whole.mean[begin:end], whole.covariance[begin:end, begin:end])
+            self._multiply(self._log_likelihood(packet, predicted, own))
         self._normalise()
+
+    def _log_likelihood(self, packet: Packet, predicted: Matrix, own: Moments) -> Vector:
+        """Return the log-likelihood (N,) of a packet; ``own`` are the moments of its prediction (N, m)."""
+        return self._sensors[packet.source].log_likelihood(packet.values, predicted)
 
     def _multiply(self, log_likelihood: Vector) -> None:
         """Multiply the weights by a likelihood (N,); one that is zero everywhere tells nothing."""

@@ -7,13 +7,14 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
+from msgspec.structs import replace
 
-from bus.packets import Packet, Vector
+from bus.packets import ORACLE, Packet, Vector
 from nodes.contract import (
-    ORACLE,
     Belief,
     Detection,
     LikelihoodSensor,
+    Matrix,
     NonlinearPlant,
     NonlinearSensor,
     Setting,
@@ -21,6 +22,7 @@ from nodes.contract import (
 from nodes.estimators.attack_detection import UpdatedParticles, WeightedResiduals
 from nodes.estimators.attack_estimate import AttackEstimate, ConvergingBiasTracker, ToldAttack
 from nodes.estimators.particle import Particle
+from nodes.estimators.particle_moments import Moments
 from nodes.estimators.resampling import Scheme
 
 
@@ -93,7 +95,7 @@ class ParticleFdi(Particle):
         if attack_estimate != "kalman" and not setting.told_attacks:
             raise ValueError(
                 f"{setting.name}: attack_estimate '{attack_estimate}' is a privilege that the topology does "
-                "not grant; use 'kalman'"
+                f"not grant; use 'kalman', or name the attacks in 'oracles: {{{setting.name}: [...]}}'"
             )
         self._zeta = _alarm_threshold(setting.name, occurrence, alpha, particles)
         self._detectors: dict[str, UpdatedParticles | WeightedResiduals] = {}
@@ -118,14 +120,14 @@ class ParticleFdi(Particle):
             tuple([f"{what}_{name}_{i}" for i in range(size)] for what in ("attack", "attack_variance"))
             for name, size in self._sizes.items()
         ]
-        self._is_told = attack_estimate != "kalman"
+        self.takes_oracles = attack_estimate != "kalman"
         self._detections: list[Detection] = []
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Move the particles and the attack's estimates, then judge and use this step's measurements."""
         self._detections = []
         told = {packet.source: packet.values for packet in packets if packet.kind == ORACLE}
-        if step > 0 or self._is_told:
+        if step > 0 or self.takes_oracles:
             for name, attack in self._attacks.items():
                 attack.predict(told.get(name))
         return super().correct(step, [packet for packet in packets if packet.kind != ORACLE])
@@ -137,13 +139,7 @@ class ParticleFdi(Particle):
         is the estimate of the attack, in steps without alarm too, and ``attack_variance_{sensor}_{i}`` its
         error variance.
         """
-        belief = super().estimate(step)
-        return Belief(
-            belief.state,
-            belief.covariance,
-            detections=self._detections,
-            diagnostics=belief.diagnostics,
-        )
+        return replace(super().estimate(step), detections=self._detections)
 
     def _diagnostics(self) -> dict[str, float]:
         found = super()._diagnostics()
@@ -152,28 +148,19 @@ class ParticleFdi(Particle):
             found.update(zip(variances, attack.variance.tolist(), strict=True))
         return found
 
-    def _weigh(self, packets: Sequence[Packet]) -> None:
-        """Judge each packet of this step, compensate it if it was attacked, and weigh the particles by it."""
-        for packet in packets:
-            name, values, sensor = packet.source, packet.values, self._sensors[packet.source]
-            predicted = sensor.measure(self._states)
-            statistic = self._detectors[name].statistic(values, self._states, predicted)
-            alarm = statistic > self._zeta
-            self._detections.append(Detection(name, packet.sequence, statistic, alarm))
-            if alarm:
-                values = self._compensated(name, values, predicted)
-            self._multiply(sensor.log_likelihood(values, predicted))
-        self._normalise()
-
-    def _compensated(self, name: str, values: Vector, predicted: np.ndarray) -> Vector:
-        """Return the measurement (m,) without the attack, after the attack's estimate has learned from it."""
-        attack = self._attacks[name]
-        if not self._is_told:
-            mean = self._weights.dot(predicted)
-            spread = self._weights.dot((predicted - mean) ** 2)
-            attack.update(values - mean, self._noise_variance[name] + spread)
-        compensated: Vector = values - attack.value
-        return compensated
+    def _log_likelihood(self, packet: Packet, predicted: Matrix, own: Moments) -> Vector:
+        """Judge a packet, compensate it if it was attacked, and return the log-likelihood (N,) of it."""
+        name, values, sensor = packet.source, packet.values, self._sensors[packet.source]
+        statistic = self._detectors[name].statistic(values, self._states, predicted)
+        alarm = statistic > self._zeta
+        self._detections.append(Detection(name, packet.sequence, statistic, alarm))
+        if alarm:
+            attack = self._attacks[name]
+            if not self.takes_oracles:
+                spread = own.covariance.diagonal()
+                attack.update(values - own.mean, self._noise_variance[name] + spread)
+            values = values - attack.value
+        return sensor.log_likelihood(values, predicted)
 
 
 def _alarm_threshold(name: str, occurrence: float, alpha: float | None, particles: int) -> float:

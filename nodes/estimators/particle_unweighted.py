@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated
 
+import numpy as np
 from annotated_types import Ge
 
-from bus.packets import Packet
-from nodes.contract import Setting
+from bus.packets import Packet, Vector
+from nodes.contract import Matrix, Setting
 from nodes.estimators.particle import Particle
+from nodes.estimators.particle_moments import Moments
 
 
 class ParticleUnweighted(Particle):
@@ -30,5 +31,6 @@ class ParticleUnweighted(Particle):
     def __init__(self, setting: Setting, *, particles: Annotated[int, Ge(2)] = 1000) -> None:
         super().__init__(setting, particles=particles, resampling="none")
 
-    def _weigh(self, packets: Sequence[Packet]) -> None:
-        """Leave the weights alone."""
+    def _log_likelihood(self, packet: Packet, predicted: Matrix, own: Moments) -> Vector:
+        """Return that every likelihood is 1."""
+        return np.zeros(len(predicted))

@@ -6,6 +6,7 @@ All schemes are unbiased: the expected number of copies of a particle is N times
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -25,13 +26,13 @@ def effective_sample_size(weights: Vector) -> float:
 def systematic(weights: Vector, rng: np.random.Generator) -> Indices:
     """Return the indices (N,) at N equally spaced places with one random offset; needs one draw."""
     size = len(weights)
-    return _at(weights, (np.arange(size) + rng.random()) / size)
+    return _at(weights, (_strata(size) + rng.random()) / size)
 
 
 def stratified(weights: Vector, rng: np.random.Generator) -> Indices:
     """Return the indices (N,) at one random place in each of N equal strata."""
     size = len(weights)
-    return _at(weights, (np.arange(size) + rng.random(size)) / size)
+    return _at(weights, (_strata(size) + rng.random(size)) / size)
 
 
 def residual(weights: Vector, rng: np.random.Generator) -> Indices:
@@ -58,4 +59,12 @@ def _at(weights: Vector, places: Vector) -> Indices:
     """Return the indices of the weights in whose share of [0, 1) the places lie."""
     cumulative = np.cumsum(weights)
     cumulative /= cumulative[-1]
-    return np.searchsorted(cumulative, places, side="right")
+    return cumulative.searchsorted(places, side="right")
+
+
+@lru_cache(maxsize=16)
+def _strata(size: int) -> Vector:
+    """Return 0, 1, ... (size,)."""
+    strata = np.arange(size, dtype=np.float64)
+    strata.setflags(write=False)
+    return strata

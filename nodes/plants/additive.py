@@ -7,12 +7,10 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from bus.packets import Vector
+from nodes.chunks import chunks
 from nodes.contract import Matrix
 from nodes.gaussian import Gaussian
 from nodes.linear_algebra import square_root
-
-CHUNK = 1024
-"""States that get their noise at a time: memory of that size is not asked for anew in every call."""
 
 
 class Additive(ABC):
@@ -68,7 +66,7 @@ class Additive(ABC):
         """Draw a successor (N, n) of each of N states (N, n)."""
         successors: Matrix = self.transition(states)
         by_component = successors.T
-        for begin in range(0, len(states), CHUNK):
-            piece = by_component[:, begin : begin + CHUNK]
+        for chunk in chunks(len(states)):
+            piece = by_component[:, chunk]
             piece += self._noise_factor.dot(rng.standard_normal(piece.shape))
         return successors

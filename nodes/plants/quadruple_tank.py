@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from bus.packets import Vector
+from nodes.chunks import chunks
 from nodes.contract import Matrix
 from nodes.gaussian import Gaussian
 from nodes.plants.additive import Additive
@@ -20,8 +21,6 @@ AREAS = np.array([28.0, 32.0, 28.0, 32.0])
 """Cross-sections of the tanks (cm^2)."""
 HOLES = np.array([0.071, 0.057, 0.071, 0.057])
 """Cross-sections of their outlets (cm^2)."""
-CHUNK = 2048
-"""Levels that are moved at a time: what fits the cache."""
 _FLOW = HOLES * np.sqrt(2.0 * GRAVITY)
 _PROCESS_NOISE = Gaussian(std=0.01)
 _INITIAL = Gaussian(std=0.01)
@@ -109,13 +108,12 @@ class QuadrupleTank(Additive):
         """Return the levels (N, 4) one period after each of N levels (N, 4), without noise."""
         levels = states.T
         moved = np.empty(levels.shape)
-        for begin in range(0, len(states), CHUNK):
-            piece = slice(begin, begin + CHUNK)
+        for piece in chunks(len(states)):
             self._move(levels[:, piece], moved[:, piece])
         return moved.T
 
     def _move(self, levels: Matrix, moved: Matrix) -> None:
-        """Write the levels (4, N) one period later; N is at most `CHUNK`.
+        """Write the levels (4, N) one period later; N is at most a chunk.
 
         A row of ones under the roots of each stage carries the constant inflow, so that a stage is one
         product, and so is the sum of all four. Memory that is asked for and given back in every call would

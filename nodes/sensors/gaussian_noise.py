@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bus.packets import Vector
+from nodes.chunks import chunks
 from nodes.contract import Matrix
 from nodes.gaussian import Gaussian
 from nodes.linear_algebra import square_root
@@ -50,9 +51,11 @@ class GaussianNoise:
         """
         if self._whitening is None:
             raise ValueError("a sensor with singular noise has no likelihood; give it a positive std")
-        white = self._whitening.dot((values - predicted).T)
-        white *= white
-        density: Vector = white.sum(axis=0)
+        density: Vector = np.empty(len(predicted))
+        for chunk in chunks(len(predicted)):
+            white = self._whitening.dot((values - predicted[chunk]).T)
+            white *= white
+            white.sum(axis=0, out=density[chunk])
         density *= -0.5
         return density
 

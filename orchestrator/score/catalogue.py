@@ -54,6 +54,8 @@ class Metric:
         return self.meaning
 
 
+_NO_RECOVERY = "no attacked packet that an estimate (or a variance) of the attack was published for"
+_NO_REFERENCE = "it is the reference, or 'score: {reference: ...}' names none"
 _NO_DETECTOR = "no detector judged these links"
 _NO_COVARIANCE = "it published no usable covariance"
 _NO_PACKET = "no packet was sent"
@@ -76,6 +78,14 @@ METRICS: Mapping[str, Metric] = {
     ),
     "nis.inside": Metric(
         "share of steps whose NIS is within its bounds", "node", undefined="it published no NIS"
+    ),
+    "deviation.component_rms": Metric(
+        "RMS of a component of the difference from the reference's estimate", "node", undefined=_NO_REFERENCE
+    ),
+    "deviation.norm_over_steps": Metric(
+        "root of the summed squared difference from the reference's estimate, over the number of steps",
+        "node",
+        undefined=_NO_REFERENCE,
     ),
     "disagreement": Metric(
         "RMS distance of a network's estimates from their mean",
@@ -148,6 +158,18 @@ METRICS: Mapping[str, Metric] = {
         "sender",
         total=True,
         undefined="there is no event trigger",
+    ),
+    "recovered.rmse": Metric(
+        "root mean square error of the estimate of what an attack adds to a sensor's packets",
+        "link",
+        total=True,
+        undefined=_NO_RECOVERY,
+    ),
+    "recovered.nees_ratio": Metric(
+        "mean squared error of that estimate over its claimed variance; 1 when consistent",
+        "link",
+        total=True,
+        undefined=_NO_RECOVERY,
     ),
     "packets.sent": Metric("packets sent", "link", total=True),
     "packets.lost": Metric("packets lost", "link", total=True),

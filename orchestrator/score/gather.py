@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from bus import keys
 from bus.integrity import Gate
-from bus.messages import ChannelEvents, Estimate, Inbox, Message, Truth
-from bus.packets import packets_of_inbox
+from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
+from bus.packets import ORACLE, packets_of_inbox
 from bus.plan import Plan
 from orchestrator.errors import InputError
 from orchestrator.score.attack_beliefs import AttackBeliefs, AttackListener
+from orchestrator.score.recovered import FalseDataListener
 
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
@@ -90,6 +91,7 @@ class Gathered:
     attack_beliefs: AttackBeliefs
     slots: Ints
     said_sent: Mapping[str, tuple[int, float]]
+    false_data: FalseDataListener
 
 
 COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
@@ -138,6 +140,7 @@ class _Gatherer:
         self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
+        self.false_data = FalseDataListener(plan)
         self.truth: dict[int, list[float]] = {}
         self.of_attacks = AttackListener()
         self.estimates = array("q")  # seven numbers an estimate, see `take_estimate`
@@ -160,6 +163,7 @@ class _Gatherer:
 
     def take_estimate(self, topic: str, message: Estimate) -> None:
         name, step = _node(topic), message.step
+        self.false_data.take_estimate(name, message)
         sizes = len(message.state), len(message.covariance)
         node = self.estimators[name]
         self.estimates.extend((node, step, message.refers_to, message.diverged, message.nis_dof, *sizes))
@@ -182,12 +186,17 @@ class _Gatherer:
     def take_inbox(self, topic: str, message: Inbox) -> None:
         if not message.source:
             return
+        self.false_data.take_inbox(topic, message)
         node, phase = topic.split("/")[1:3]
         rows, sources, sequences = self.deliveries, message.source, message.sequence
         norms = _norms(message)
-        if self.plan.integrity or not self.incoming[node].keys() >= set(sources):
+        has_oracles = ORACLE in message.kind
+        if has_oracles or self.plan.integrity or not self.incoming[node].keys() >= set(sources):
             gate = self.gates.get((node, phase))
-            let_in = [gate is None or gate.admits(packet) for packet in packets_of_inbox(message)]
+            let_in = [
+                packet.kind != ORACLE and (gate is None or gate.admits(packet))
+                for packet in packets_of_inbox(message)
+            ]
             sources, sequences = list(compress(sources, let_in)), list(compress(sequences, let_in))
             norms = list(compress(norms, let_in))
         rows.link.extend(map(self.incoming[node].__getitem__, sources))
@@ -204,6 +213,7 @@ class _Gatherer:
             self.last_events[topic, message.round] = message
         if message.event_link:
             self._take_acts(message)
+            self.false_data.take_events(message)
 
     def _take_acts(self, message: ChannelEvents) -> None:
         columns = (message.event_link, message.event_stage, message.event_sequence, message.event_action)
@@ -236,6 +246,7 @@ class _Gatherer:
             attack_beliefs=self.of_attacks.beliefs(len(self.plan.estimators), self.plan.steps),
             slots=np.bincount(_integers(self.counted_link), minlength=len(self.plan.links)),
             said_sent=self.said_sent,
+            false_data=self.false_data,
         )
 
     def _truth(self) -> Floats:
@@ -319,6 +330,7 @@ def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:
         Truth: gatherer.take_truth,
         Estimate: gatherer.take_estimate,
         Inbox: gatherer.take_inbox,
+        Transmission: gatherer.false_data.take_transmission,
         ChannelEvents: gatherer.take_events,
     }
     for topic, message in records:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 from orchestrator.score.catalogue import Metric
 from orchestrator.score.results import (
@@ -99,7 +100,15 @@ def node_value(score: Score, node: NodeScore, metric: str) -> float:
         return _consistency(node, node.nees if family == "nees" else node.nis, name)
     if family == "attack":
         return _attack(node, name)
+    if family == "deviation":
+        return _deviation(node, name)
     return _group_error(node, family, name)
+
+
+def _deviation(node: NodeScore, name: str) -> float:
+    if node.divergence_step is not None:
+        return math.inf
+    return math.nan if node.deviation is None else float(getattr(node.deviation, name))
 
 
 def pooled_confusion(links: Sequence[LinkScore]) -> Confusion | None:
@@ -121,6 +130,19 @@ def _traffic(links: Sequence[LinkScore], name: str) -> float:
     return _or_nan(getattr(pooled, name))
 
 
+def _recovered(links: Sequence[LinkScore], name: str) -> float:
+    """Return how well attacks were recovered on some links, their packets pooled."""
+    parts = [link.recovered for link in links if link.recovered is not None]
+    if name == "nees_ratio":
+        parts = [part for part in parts if part.nees_ratio is not None]
+    weights = [part.packets for part in parts]
+    if not weights:
+        return math.nan
+    if name == "rmse":
+        return math.sqrt(fmean([part.rmse**2 for part in parts], weights))
+    return fmean([part.nees_ratio or 0.0 for part in parts], weights)
+
+
 def link_value(chosen: LinkSet, metric: str) -> float:
     """Return a metric of a set of links, their packets pooled."""
     family, _, name = metric.partition(".")
@@ -129,6 +151,8 @@ def link_value(chosen: LinkSet, metric: str) -> float:
     if family == "lockouts":
         names = chosen.names
         return float(sum(lockout.link in names for lockout in chosen.score.lockouts))
+    if family == "recovered":
+        return _recovered(chosen.links, name)
     pooled = pooled_confusion(chosen.links)
     if pooled is None:
         return math.nan

@@ -30,6 +30,8 @@ class ScoreOptions:
         Probability of the two-sided chi-square bounds on NEES and NIS.
     detection_grace
         Steps after a window's last attacked packet in which an alarm still counts as its detection.
+    reference
+        Name of an estimator from which the deviation of all others is taken; empty for none.
     node_series
         Keep the error of every node at every step, not only the networks' averages.
     """
@@ -40,6 +42,7 @@ class ScoreOptions:
     confidence: float = 0.95
     detection_grace: int = 0
     node_series: bool = False
+    reference: str = ""
 
     def __post_init__(self) -> None:
         """Refuse values that no score can be made with; raises ValueError."""
@@ -120,6 +123,18 @@ class AttackScore(Result, frozen=True, kw_only=True):
     windows: list[SignalWindow]
 
 
+class Deviation(Result, frozen=True, kw_only=True):
+    """The distance from the estimates of a ``reference``, as two ways of normalising it have it.
+
+    With the difference ``d_k`` (n,) in each of T steps, ``component_rms`` is ``sqrt(sum |d_k|^2 / n T)``, and
+    ``norm_over_steps`` is ``sqrt(sum |d_k|^2) / T``.
+    """
+
+    reference: str
+    component_rms: float
+    norm_over_steps: float
+
+
 class NodeScore(Result, frozen=True, kw_only=True):
     """One estimator; ``method`` is the name of its class, ``divergence_step`` None when it never diverged.
 
@@ -131,6 +146,8 @@ class NodeScore(Result, frozen=True, kw_only=True):
     estimates, from `from_step` on and before any divergence, whose covariance is absent or not positive
     definite. ``error`` holds the error norms by group and step (only with `ScoreOptions.node_series`).
     ``attack`` is None for an estimator that says nothing of signal attacks.
+    ``deviation`` is that from the reference, None without one.
+    ``privileged`` names the attacks whose values an oracle tells it; of an honest estimator it is empty.
     """
 
     name: str
@@ -148,6 +165,8 @@ class NodeScore(Result, frozen=True, kw_only=True):
     nis_unattacked: Consistency
     error: dict[str, list[float | None]]
     attack: AttackScore | None = None
+    privileged: list[str] = []
+    deviation: Deviation | None = None
 
 
 class NetworkScore(Result, frozen=True, kw_only=True):
@@ -273,8 +292,24 @@ class SenderScore(Result, frozen=True, kw_only=True):
         return cls(name=name, slots=slots, sent=sent, rate=sent / slots if slots else None)
 
 
+class RecoveredAttack(Result, frozen=True, kw_only=True):
+    """An estimator's estimate of what is added to a sensor's packets, over the attacked ones that it used.
+
+    ``rmse`` is the root mean square of the Euclidean norm of its error. ``nees_ratio`` is the mean of the
+    squared error over its claimed variance, component by component: 1 when consistent, None when none is
+    claimed.
+    """
+
+    packets: int
+    rmse: float
+    nees_ratio: float | None
+
+
 class LinkScore(Result, frozen=True, kw_only=True):
-    """One link. ``detector`` is None when no verdict was ever given on it."""
+    """One link. ``detector`` is None when no verdict was ever given on it.
+
+    ``recovered`` is None unless its receiver estimates the attack on it, and there was one.
+    """
 
     name: str
     source: str
@@ -282,6 +317,7 @@ class LinkScore(Result, frozen=True, kw_only=True):
     stream: str
     traffic: Traffic
     detector: Confusion | None
+    recovered: RecoveredAttack | None = None
 
 
 class Outcome(Result, frozen=True, kw_only=True):

@@ -28,6 +28,7 @@ from orchestrator.score.detection import (
     link_confusions,
     total_confusion,
 )
+from orchestrator.score.deviation import deviations
 from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import Bools, Gathered, gather
 from orchestrator.score.judging import judge_expectations
@@ -51,6 +52,7 @@ def _node_scores(
         consistency(estimates.nis, estimates.nis_dof, rows, options.confidence)
         for rows in (counted, counted & attacked, counted & ~attacked)
     )
+    apart = deviations(plan, estimates, errors, steps, options.reference)
     series = errors.norm if options.node_series else {}
     attacks = attack_scores(gathered.attack_beliefs, errors, options.from_step)
     return [
@@ -70,6 +72,8 @@ def _node_scores(
             nis_unattacked=nis_spared[i],
             error={group: numbers(norm[i]) for group, norm in series.items()},
             attack=attacks[i],
+            deviation=apart[i],
+            privileged=list(dict.fromkeys(label.partition("/")[0] for label in estimator.oracles)),
         )
         for i, estimator in enumerate(plan.estimators)
     ]
@@ -88,6 +92,7 @@ def _measured(
     counted = np.arange(plan.steps) >= options.from_step
     nodes = _node_scores(plan, gathered, errors, attacked_steps(plan, judgement), options)
     by_link, total = traffic(gathered)
+    recovered = gathered.false_data.recovered(len(plan.links), options.from_step)
     links = [
         LinkScore(
             name=link.name,
@@ -96,8 +101,11 @@ def _measured(
             stream=link.stream,
             traffic=packets,
             detector=detector,
+            recovered=attack,
         )
-        for link, packets, detector in zip(plan.links, by_link, link_confusions(judgement), strict=True)
+        for link, packets, detector, attack in zip(
+            plan.links, by_link, link_confusions(judgement), recovered, strict=True
+        )
     ]
     complete = bool(gathered.truth_present.all()) and all(node.complete for node in nodes)
     return Score(

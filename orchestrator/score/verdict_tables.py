@@ -38,6 +38,8 @@ def _badness(node: NodeScore) -> float:
 
 def _remark(rank: str, node: NodeScore, score: Score) -> str:
     parts = [rank] if rank else []
+    if node.privileged:
+        parts.append(f"PRIVILEGED: told of {', '.join(node.privileged)}")
     if node.divergence_step is not None:
         parts.append(f"diverged at {node.divergence_step}")
     if node.silent_from is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -70,7 +70,7 @@ def _built_sensor(draft: Draft, name: str, checked: CheckedKind, plant: Plant) -
 
 
 class EstimatorBuilder:
-    """Builds estimators with the neighbours that are asked for."""
+    """Builds estimators with the neighbours that are asked for; ``told`` are those with an oracle."""
 
     def __init__(
         self,
@@ -80,8 +80,10 @@ class EstimatorBuilder:
         sensors: Mapping[str, Sensor],
         listens: Mapping[str, Sequence[str]],
         triggers: Mapping[str, CheckedKind],
+        told: Collection[str] = (),
     ) -> None:
         self._triggers = triggers
+        self._told = told
         self._draft = draft
         self._kinds = kinds
         self._plant = plant
@@ -91,12 +93,15 @@ class EstimatorBuilder:
     def build(self, name: str, neighbours: Mapping[str, float]) -> Estimator | None:
         """Return an estimator, None when its class refuses."""
         checked = self._kinds[name]
+        sections = self._draft.sections
+        stream = sections["estimators"][name].stream or name
         setting = Setting(
             name=name,
             plant=self._plant,
             sensors={sensor: self._sensors[sensor] for sensor in self._listens[name]},
             neighbours=dict(sorted(neighbours.items())),
-            rng=random_stream(self._draft.sections["seed"], self._draft.sections["trial"], name, "estimator"),
+            rng=random_stream(sections["seed"], sections["trial"], stream, "estimator"),
+            told_attacks=name in self._told,
             trigger=self._trigger(name) if getattr(checked.found.type, "takes_trigger", False) else None,
             sensor_triggers={
                 sensor: trigger for sensor in self._listens[name] if (trigger := self._trigger(sensor))

@@ -22,7 +22,7 @@ from orchestrator.topology.schema import TopologyFile
 _OWN_KEYS: Mapping[str, frozenset[str]] = {
     "plant": frozenset({"model"}),
     "sensors": frozenset({"model", "send"}),
-    "estimators": frozenset({"method", "sensors", "send"}),
+    "estimators": frozenset({"method", "sensors", "stream", "send"}),
     "controllers": frozenset({"law", "estimator"}),
 }
 _ROLES: Mapping[str, Role] = {

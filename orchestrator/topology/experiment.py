@@ -12,6 +12,7 @@ from orchestrator.registry import FoundKind, Role
 from orchestrator.topology.document import Entry
 from orchestrator.topology.draft import CheckedKind, Draft
 from orchestrator.topology.expecting import read_expectations
+from orchestrator.topology.oracles import granted_patterns, oracles_of
 from orchestrator.topology.placement import place
 from orchestrator.topology.problems import Origin, PathKeys, Problems
 from orchestrator.topology.resolve import Kinds, links_between, make_plan
@@ -113,6 +114,7 @@ def topology_from_experiment(experiment: bytes) -> Topology:
             [stage.plan for stage in placed],
             on_link,
             file.integrity,
+            oracles_of(draft, granted_patterns(draft), placed, listens),
         ),
         state_groups=state_groups,
         expectations=read_expectations(draft, state_groups, links),

@@ -13,7 +13,7 @@ NODE_SECTIONS = ("sensors", "estimators", "controllers")
 KIND_KEYS = {"plant": "model", "sensors": "model", "estimators": "method", "controllers": "law"}
 GRAPH_OPTIONS = ("directed", "weights")
 
-_KEPT_WITH_NEW_KIND = ("sensors", "estimator", "send")
+_KEPT_WITH_NEW_KIND = ("sensors", "stream", "estimator", "send")
 _NOT_INHERITED = ("name", "description", "extends")
 _PRUNED_SECTIONS = (
     *NODE_SECTIONS,

@@ -20,6 +20,7 @@ from orchestrator.topology.expecting import read_expectations
 from orchestrator.topology.graph import Graph, read_graph
 from orchestrator.topology.inheritance import pruned, read_with_bases
 from orchestrator.topology.listening import listeners, warn_of_unheard
+from orchestrator.topology.oracles import check_listeners, granted_patterns, oracles_of
 from orchestrator.topology.outlived import outlived_nodes
 from orchestrator.topology.overrides import apply_overrides
 from orchestrator.topology.placement import place
@@ -147,9 +148,11 @@ def _wired(
     sensors = build_sensors(draft, kinds.sensors, plant)
     build_triggers(draft, kinds.triggers, plant, sensors)
     draft.problems.stop_if_any()
-    builder = EstimatorBuilder(draft, kinds.estimators, plant, sensors, listens, kinds.triggers)
+    grants = granted_patterns(draft)
+    builder = EstimatorBuilder(draft, kinds.estimators, plant, sensors, listens, kinds.triggers, grants)
     wiring = wire(draft, graph, kinds.estimators, builder)
     check_senders(draft, kinds, wiring)
+    check_listeners(draft, grants, {name: builder.build(name, wiring.neighbours[name]) for name in grants})
     build_controllers(draft, kinds.controllers, kinds.estimators, plant)
     check_signals(draft, kinds.attacks, plant)
     _refuse_idle(draft, listens, wiring.neighbours)
@@ -162,6 +165,7 @@ def _wired(
     placed, on_link = place(draft, kinds.attacks, kinds.channels, links)
     warn_of_mistaken_silence(draft, kinds, listens, placed)
     placed = granted(draft, placed, plant, sensors, listens)
+    oracles = oracles_of(draft, grants, placed, listens)
     integrity = integrity_of(draft, placed)
     outlived = outlived_nodes(draft, [stage.plan for stage in placed])
     build_stages(draft, placed)
@@ -173,14 +177,16 @@ def _wired(
     stages = [stage.plan for stage in placed]
     return Topology(
         path=file,
-        plan=make_plan(name, draft, kinds, listens, wiring, stages, on_link, integrity),
+        plan=make_plan(name, draft, kinds, listens, wiring, stages, on_link, integrity, oracles),
         state_groups=state_groups,
         expectations=expectations,
         score_options=draft.sections["score"],
         settings=RunSettings(process.window, process.stall_s, outlived),
         backend=process.backend,
         warnings=tuple(draft.warnings),
-        document=resolved_document(name, draft.sections, kinds, listens, wiring, integrity, expectations),
+        document=resolved_document(
+            name, draft.sections, kinds, listens, wiring, integrity, oracles, expectations
+        ),
     )
 
 

@@ -20,7 +20,7 @@ from orchestrator.registry import FoundKind, Role
 RESERVED_PARAMETERS: Mapping[Role, frozenset[str]] = {
     "plants": frozenset({"model"}),
     "sensors": frozenset({"model", "send"}),
-    "estimators": frozenset({"method", "sensors", "send"}),
+    "estimators": frozenset({"method", "sensors", "stream", "send"}),
     "controllers": frozenset({"law", "estimator"}),
     "graphs": frozenset({"directed", "weights"}),
     "impairments": frozenset({"name", "scope", "stream"}),

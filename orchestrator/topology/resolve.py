@@ -20,6 +20,7 @@ from bus.plan import (
 from orchestrator.registry import portable_name
 from orchestrator.score.expectation import Expectation
 from orchestrator.topology.draft import CheckedKind, Draft
+from orchestrator.topology.oracles import attack_of
 from orchestrator.topology.placement import fault_plans, signal_plans
 from orchestrator.topology.stages import DeclaredStage
 from orchestrator.topology.targets import PLANT_NAME
@@ -73,6 +74,7 @@ def make_plan(
     stages: Sequence[StagePlan],
     on_link: Mapping[str, tuple[str, ...]],
     integrity: Mapping[str, str],
+    oracles: Mapping[str, tuple[str, ...]],
 ) -> Plan:
     """Return the plan of a topology that is in order."""
     assert kinds.plant is not None
@@ -98,6 +100,8 @@ def make_plan(
                 wiring.rounds[estimator],
                 tuple(name for name, heard in heard_by.items() if heard == estimator),
                 kinds.sending(estimator),
+                oracles.get(estimator, ()),
+                sections["estimators"][estimator].stream or "",
             )
             for estimator, checked in kinds.estimators.items()
         ),
@@ -122,6 +126,7 @@ def resolved_document(
     listens: Mapping[str, Sequence[str]],
     wiring: Wiring,
     integrity: Mapping[str, str],
+    oracles: Mapping[str, Sequence[str]],
     expectations: Sequence[Expectation],
 ) -> dict[str, Any]:
     """Return the topology as plain data with nothing left to defaults, bases, ranges or generators."""
@@ -142,6 +147,7 @@ def resolved_document(
             node: {
                 "method": kind.found.name,
                 "sensors": list(listens[node]),
+                **_stated_stream(sections["estimators"][node].stream),
                 **_send(kinds, node),
                 **kind.plain,
             }
@@ -162,6 +168,7 @@ def resolved_document(
         "channel": _channels(sections["channel"], kinds.channels),
         "attacks": [_attack(stage) for stage in kinds.attacks],
         "adversary": sections["adversary"].model_dump(mode="json"),
+        "oracles": {node: list(dict.fromkeys(map(attack_of, labels))) for node, labels in oracles.items()},
         "integrity": dict(integrity),
         "expect": _expectations(expectations),
         "score": dataclasses.asdict(sections["score"]),
@@ -173,6 +180,10 @@ def _send(kinds: Kinds, node: str) -> dict[str, Any]:
     """Return the member that states a node's event trigger, if it has one."""
     trigger = kinds.triggers.get(node)
     return {} if trigger is None else {"send": {trigger.found.name: dict(trigger.plain)}}
+
+
+def _stated_stream(stream: str | None) -> dict[str, str]:
+    return {} if stream is None else {"stream": stream}
 
 
 def _options(stage: DeclaredStage) -> dict[str, Any]:

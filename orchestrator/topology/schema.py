@@ -66,6 +66,9 @@ class EstimatorSection(KindSection):
         default=None, description="sensors it listens to: paired (same number), all, or names and patterns"
     )
     send: dict[str, Any] | None = _SEND
+    stream: RunName | None = Field(
+        default=None, description="name of its random stream; those that share one draw alike"
+    )
 
 
 class ControllerSection(KindSection):
@@ -178,6 +181,10 @@ class TopologyFile(Section):
     )
     attacks: list[AttackSection] = Field(default_factory=list)
     adversary: AdversarySection = Field(default_factory=AdversarySection)
+    oracles: dict[str, Annotated[list[str], BeforeValidator(_as_list)]] = Field(
+        default_factory=dict,
+        description="attacks that estimators are told the values of: their names, by pattern of estimators",
+    )
     integrity: dict[str, Literal["none", "crc", "mac"]] = Field(
         default_factory=dict,
         description="how senders seal their packets, by pattern of names: not, by a check sum, or by a key",

@@ -70,6 +70,9 @@ def check_targets(draft: Draft, attacks: Sequence[DeclaredStage]) -> None:
         check_nodes(draft, pattern, ("integrity", pattern))
     for name, own in (draft.sections.get("controllers") or {}).items():
         _check_estimator(draft, own.estimator, ("controllers", name, "estimator"))
+    reference = getattr(draft.sections.get("score"), "reference", "")
+    if reference:
+        _check_estimator(draft, reference, ("score", "reference"))
     doomed = [pattern for stage in attacks if stage.role == "fault" for pattern in stage.on]
     if doomed and all(any(matches(pattern, name) for pattern in doomed) for name in senders(draft)):
         draft.complain(("attacks",), "every sender falls silent", "keep one that speaks to the end")

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from bus.random_streams import random_stream
+from bus.random_streams import random_stream, sequential_streams
 
 
 def test_the_same_address_gives_the_same_draws() -> None:
@@ -44,3 +44,17 @@ def test_another_process_with_another_hash_seed_draws_the_same() -> None:
         for seed in ("1", "2")
     }
     assert drawn == {repr(random_stream(7, 0, "e1->e2", "x").random()) + "\n"}
+
+
+def test_sequential_streams_are_those_of_their_address_alone() -> None:
+    first = [own.random() for own in sequential_streams(random_stream(1, 2, "e1", "estimator"), 3)]
+    again = [own.random() for own in sequential_streams(random_stream(1, 2, "e1", "estimator"), 3)]
+    other = [own.random() for own in sequential_streams(random_stream(1, 2, "e2", "estimator"), 3)]
+    assert first == again
+    assert len({*first, *other}) == 6
+
+
+def test_sequential_streams_draw_nothing_of_the_stream_itself() -> None:
+    plain, spawning = (random_stream(1, 2, "e1", "estimator") for _ in range(2))
+    sequential_streams(spawning, 3)
+    assert plain.random() == spawning.random()

@@ -8,7 +8,7 @@ import pytest
 
 from bus import keys
 from bus.messages import Estimate, Message, encode
-from bus.packets import Packet, inbox
+from bus.packets import ORACLE, Packet, inbox
 from bus.plan import EstimatorPlan, Kind, Plan, PlantPlan
 from bus.program import NodeError, run_alone
 from nodes.contract import Belief, Detection
@@ -98,3 +98,30 @@ def test_a_belief_of_another_shape_is_refused_with_the_shapes(state: Any, covari
 def test_a_payload_that_is_a_matrix_is_refused_with_the_cure() -> None:
     with pytest.raises(NodeError, match=r"a payload has one dimension, .* ravel it"):
         play(Scripted(Belief(np.zeros(2), np.eye(2)), payload=np.eye(2)))
+
+
+class Listening(Scripted):
+    """An estimator that notes what it is given."""
+
+    def __init__(self) -> None:
+        super().__init__(Belief(np.zeros(2), np.eye(2)))
+        self.heard: list[str] = []
+
+    def correct(self, step: int, packets: Sequence[Packet]) -> Any:
+        self.heard += [packet.kind for packet in packets]
+        return None
+
+
+@pytest.mark.parametrize(("oracles", "heard", "refused"), [((), [], 1), (("bias",), [ORACLE], 0)])
+def test_the_word_of_an_oracle_reaches_an_estimator_only_with_the_grant(
+    oracles: tuple[str, ...], heard: list[str], refused: int
+) -> None:
+    own = EstimatorPlan("e1", Kind("unused:Unused"), ("s1",), {}, 0, oracles=oracles)
+    plan = Plan("p", 0, 0, 1, 0.1, PlantPlan("plant", Kind("unused:Unused")), (), (own,), (), ())
+    port, estimator = Port(), Listening()
+    word = Packet("s1", 0, 0, ORACLE, np.ones(1))
+    run_alone(estimator_program(port, plan, own, estimator, 2, 16), lambda topic: inbox(0, 0.0, 0, [word]))
+    assert estimator.heard == heard
+    (message,) = port.sent
+    assert isinstance(message, Estimate)
+    assert message.refused == refused

@@ -1,8 +1,8 @@
 """What Sadeghzadeh-Nokhodberiz 2022, section V shows, and what it does not: many runs of its example.
 
 The quick figures come from few trials and have wide ranges; ``-m slow`` takes 200 trials. ``-s`` prints them.
-All draws are seeded: on one type of machine a test passes always or never. Filters are called directly, since
-the adversary's own word is given to some of them.
+All draws are seeded: on one type of machine a test passes always or never. For many runs the filters are
+called directly; the topologies run the same ones through the channel, with a granted oracle.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bus.messages import Message
-from bus.packets import Packet
+from bus.messages import ChannelEvents, Estimate, Message
+from bus.packets import ORACLE, Packet
 from bus.random_streams import random_stream
-from nodes.contract import ORACLE, Setting
+from nodes.contract import Setting
 from nodes.estimators.extended_kalman import ExtendedKalman
 from nodes.estimators.particle import Particle
 from nodes.estimators.particle_fdi import ParticleFdi
@@ -184,6 +184,51 @@ def test_the_file_holds_what_it_expects(name: str) -> None:
         expectations=topology.expectations,
     )
     assert result.passed, [outcome.message for outcome in result.expectations if not outcome.passed]
+
+
+def test_through_the_channel_the_told_filter_is_the_clean_one_until_its_first_wrong_verdict() -> None:
+    """The oracle's word on the bus takes out what the adversary on the wire added, to 1e-10.
+
+    The attack jumps to its target here, so that none of it is too small to be found.
+    """
+    topology = load_topology(FOLDER / "attacked.yaml", ["attacks[0].converging_bias.pole=0.0"])
+    checked = 0
+    for trial in range(4):
+        messages: list[tuple[str, Message]] = []
+        run_messages(topology.at(trial=trial).plan, lambda *record, to=messages: to.append(record))
+        clean, proposed = (
+            [m for topic, m in messages if topic == f"estimate/{name}" and isinstance(m, Estimate)]
+            for name in ("clean", "proposed")
+        )
+        attacked = {
+            m.step for _, m in messages if isinstance(m, ChannelEvents) and "s1->proposed" in m.event_link
+        }
+        wrong = [m.detector_alarm != [m.step in attacked] for m in proposed]
+        until = wrong.index(True) if any(wrong) else STEPS
+        states = [np.array([m.state for m in said[:until]]) for said in (clean, proposed)]
+        np.testing.assert_allclose(states[1], states[0], rtol=0.0, atol=1e-10)
+        checked += until
+    assert checked > 2 * STEPS
+
+
+def test_with_a_sensor_for_each_level_each_is_attacked_for_itself_and_for_all_who_hear_it_alike() -> None:
+    topology = load_topology(FOLDER / "four_sensors.yaml")
+    steps: dict[str, set[int]] = {}
+
+    def keep(topic: str, message: Message) -> None:
+        if isinstance(message, ChannelEvents):
+            for link in message.event_link:
+                steps.setdefault(link, set()).add(message.step)
+
+    run_messages(topology.plan, keep)
+    by_sensor = [
+        {tuple(sorted(found)) for link, found in steps.items() if link.startswith(f"s{i}->")}
+        for i in range(1, 5)
+    ]
+    assert len(steps) == 12
+    assert [len(found) for found in by_sensor] == [1] * 4, "all three estimators meet the same attack"
+    assert len(set.union(*by_sensor)) == 4, "no two sensors do"
+    assert all(35 < len(found) < 65 for found in steps.values())
 
 
 @trials

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bus.packets import Packet
-from nodes.contract import ORACLE, Setting
+from bus.packets import ORACLE, Packet
+from nodes.contract import Setting
 from nodes.estimators.attack_detection import UpdatedParticles, WeightedResiduals, margin
 from nodes.estimators.attack_estimate import ConvergingBiasTracker
 from nodes.estimators.particle import Particle
@@ -218,7 +218,9 @@ def test_a_measurement_beyond_all_doubles_raises_an_alarm():
 
 def test_the_oracle_is_a_privilege():
     for source in ("oracle", "noisy_oracle"):
-        with pytest.raises(ValueError, match="a privilege that the topology does not grant; use 'kalman'"):
+        with pytest.raises(
+            ValueError, match=r"does not grant; use 'kalman', or name the attacks in 'oracles: \{e1"
+        ):
             ParticleFdi(setting(told=False), minimum_attack=0.28, attack_estimate=source)
 
 

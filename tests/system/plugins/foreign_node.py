@@ -43,6 +43,13 @@ def estimate(step: int) -> str:
     return json.dumps(message, separators=(",", ":"))
 
 
+def oracle(step: int) -> str:
+    """Return an inbox that tells its receiver of an attack."""
+    told = {"source": ["s1"], "sent_step": [step], "sequence": [step], "kind": ["oracle"]}
+    values = {"offset": [0], "values": [9.9], "check": []}
+    return json.dumps({"step": step, "t": step * PERIOD_S, "round": 0, **told, **values})
+
+
 def misbehave(session: zenoh.Session, own, step: int) -> None:
     """Send junk, repeat an old slot and run ahead on the own key; write on the keys of others; delete."""
     own.put(b"\xff{")
@@ -51,6 +58,7 @@ def misbehave(session: zenoh.Session, own, step: int) -> None:
     own.put(estimate(step + 5))
     session.put(PREFIX + "truth/plant", json.dumps({"step": step, "t": 0.0, "state": [9.9, 9.9, 9.9]}))
     session.put(PREFIX + "estimate/e1", estimate(step))
+    session.put(PREFIX + "rx/e1/correct", oracle(step))
     session.put(PREFIX + "rx/plant/credit", json.dumps({"steps_recorded": 10**6}))
     session.delete(PREFIX + "estimate/e1")
 

@@ -1,0 +1,120 @@
+"""What estimators made of false data on their links: their estimate of the attack beside what was added.
+
+An estimator speaks of an attack on a sensor's packets by diagnostics: ``attack_{sensor}_{i}`` is its estimate
+of what is added to component i, and ``attack_variance_{sensor}_{i}`` its error variance. The truth is the
+difference between what arrived and what the sensor sent.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import count, takewhile
+
+import numpy as np
+
+from bus import keys
+from bus.integrity import Gate
+from bus.messages import ChannelEvents, Estimate, Inbox, Transmission
+from bus.packets import ORACLE, packets_of_inbox
+from bus.plan import Plan
+from orchestrator.score.results import RecoveredAttack
+
+_Place = tuple[int, int]
+"""A link and a step."""
+_Said = tuple[Sequence[float], Sequence[float]]
+"""An estimate and its variances, which may be missing."""
+
+
+class FalseDataListener:
+    """Takes the messages of a record in any order, and keeps what concerns links with stages on them.
+
+    A packet that arrives in a later step than it was sent in, or beside another one of its sensor, is left
+    out: estimators speak of the measurement of their own step.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._links = {
+            (link.source, link.destination): number
+            for number, link in enumerate(plan.links)
+            if link.stream == keys.MEASUREMENT and link.stages
+        }
+        self._numbers = {link.name: number for number, link in enumerate(plan.links)}
+        self._heard: dict[str, list[str]] = {}
+        for source, destination in self._links:
+            self._heard.setdefault(destination, []).append(source)
+        self._topics = {keys.tx(source, keys.MEASUREMENT): source for source, _ in self._links}
+        self._gates = {node: Gate(plan, sources) for node, sources in self._heard.items()}
+        self._sent: dict[tuple[str, int], Sequence[float]] = {}
+        self._received: dict[_Place, Sequence[float]] = {}
+        self._attacked: set[_Place] = set()
+        self._said: dict[_Place, _Said] = {}
+
+    def take_transmission(self, topic: str, message: Transmission) -> None:
+        """Keep what a sensor sent."""
+        source = self._topics.get(topic)
+        if source is not None and len(message.sequence) == 1:
+            self._sent[source, message.step] = message.values
+
+    def take_inbox(self, topic: str, message: Inbox) -> None:
+        """Keep what arrived of the sensors in their own step."""
+        _, node, phase = topic.split("/")
+        if phase != keys.CORRECT or node not in self._heard:
+            return
+        packets = [packet for packet in packets_of_inbox(message) if packet.kind != ORACLE]
+        arrived = Counter(packet.source for packet in packets)
+        for packet in packets:
+            link = self._links.get((packet.source, node))
+            usable = packet.sent_step == message.step and arrived[packet.source] == 1
+            if link is not None and usable and self._gates[node].admits(packet):
+                self._received[link, message.step] = packet.values.tolist()
+
+    def take_events(self, message: ChannelEvents) -> None:
+        """Keep which packets were attacked; a sensor numbers its packets by their steps."""
+        acts = zip(message.event_link, message.event_sequence, message.event_action, strict=True)
+        for name, sequence, action in acts:
+            if action == "attacked" and sequence == message.step:
+                self._attacked.add((self._numbers.get(name, -1), message.step))
+
+    def take_estimate(self, node: str, message: Estimate) -> None:
+        """Keep what an estimate says of attacks on the estimator's sensors."""
+        if node not in self._heard or not message.diagnostic_name:
+            return
+        said = dict(zip(message.diagnostic_name, message.diagnostic_value, strict=True))
+        for source in self._heard[node]:
+            value = _components(said, f"attack_{source}_")
+            if value:
+                variance = _components(said, f"attack_variance_{source}_")
+                self._said[self._links[source, node], message.step] = value, variance
+
+    def recovered(self, links: int, from_step: int) -> list[RecoveredAttack | None]:
+        """Return by link how well the attack was recovered; None where nothing was said or attacked."""
+        errors: dict[int, list[float]] = {}
+        figures: dict[int, list[float]] = {}
+        sources = {number: source for (source, _), number in self._links.items()}
+        for place in sorted(self._attacked & self._said.keys() & self._received.keys()):
+            link, step = place
+            sent, (value, variance) = self._sent.get((sources[link], step)), self._said[place]
+            received = self._received[place]
+            if step < from_step or sent is None or not len(sent) == len(received) == len(value):
+                continue
+            error = np.array(value) - (np.array(received) - np.array(sent))
+            errors.setdefault(link, []).append(float(error.dot(error)))
+            if len(variance) == len(value) and min(variance) > 0.0:
+                figures.setdefault(link, []).append(float((error * error / np.array(variance)).mean()))
+        return [
+            RecoveredAttack(
+                packets=len(errors[link]),
+                rmse=float(np.sqrt(np.mean(errors[link]))),
+                nees_ratio=float(np.mean(figures[link])) if link in figures else None,
+            )
+            if link in errors
+            else None
+            for link in range(links)
+        ]
+
+
+def _components(said: dict[str, float], prefix: str) -> list[float]:
+    """Return the numbers called ``{prefix}0``, ``{prefix}1`` and so on, as far as they go."""
+    names = takewhile(said.__contains__, (f"{prefix}{i}" for i in count()))
+    return [said[name] for name in names]
