@@ -171,4 +171,4 @@ def test_three_dots_that_lead_nowhere_are_refused(path: str, tmp_path: Path) -> 
 
 def test_the_method_of_all_estimators_has_a_short_path(tmp_path: Path) -> None:
     plan = load(tmp_path, "method=kalman", "graph=null", "channel=null").plan
-    assert {own.kind.reference.rpartition(":")[2] for own in plan.estimators} == {"KalmanFilter"}
+    assert {own.kind.reference.rpartition(":")[2] for own in plan.estimators} == {"Kalman"}
