@@ -148,6 +148,7 @@ def _derived(derived: Derived, i: int, groups: Mapping[str, Sequence[int]]) -> R
         "bound.given": bounded.given,
         "bound.refused": bounded.refused,
         "innovation": derived.innovations[i].ravel(),
+        "state_size": bounded.variance.shape[1],
     }
 
 

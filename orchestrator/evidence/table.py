@@ -64,7 +64,7 @@ def columns(groups: Collection[str], swept: Sequence[str] = ()) -> dict[str, str
         **{f"{SWEPT}{path}": "string" for path in swept},
         **dict.fromkeys(("passed", "complete"), "bool"),
         **dict.fromkeys(scalar_names(groups), "float64"),
-        **dict.fromkeys(("divergence_step", "slots"), "int32"),
+        **dict.fromkeys(("divergence_step", "slots", "state_size"), "int32"),
         **dict.fromkeys(("bound.given", "bound.refused"), "string"),
         **{name: f"list.{kind}" for name, kind in (*steps.items(), *_LISTS)},
     }

@@ -87,7 +87,11 @@ def test_a_network_is_bounded_by_all_that_reached_it(tmp_path: Path) -> None:
     ("override", "first", "reason"),
     [
         ("attacks=[{bias: {value: 1.0}, on: s1->e1, steps: [12, 15]}]", 12, "not as its sensor had sent it"),
-        ("attacks=[{injection: {values: {box: {low: -9.0, high: 9.0}}}, on: s2->e1, steps: [9, 9]}]", 9, "not as its sensor"),
+        (
+            "attacks=[{injection: {values: {box: {low: -9.0, high: 9.0}}}, on: s2->e1, steps: [9, 9]}]",
+            9,
+            "not as its sensor",
+        ),
         ("channel={'s*->e*': {delay: {delay: 1}}}", 1, "later than the step"),
         ("channel={'s*->e*': {quantise: {step: 0.5}}}", 0, "not as its sensor"),
         ("channel={'s*->e*': {rate: {rate: 3}}}", 0, "acts on what it sees"),
