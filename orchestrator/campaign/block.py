@@ -25,6 +25,7 @@ TIMING = "timing."
 """Before the names of columns that go into the table of timings, and not into the results."""
 TIMING_COLUMNS = {
     f"{TIMING}wall_s": "float64",
+    f"{TIMING}cpu_s": "float64",
     f"{TIMING}step_p50_s": "float64",
     f"{TIMING}step_p95_s": "float64",
     f"{TIMING}worker": "string",
@@ -87,8 +88,8 @@ def run_block(work: Work, worker: str) -> bytes:
 
 def failed_block(work: Work, message: str, worker: str) -> bytes:
     """Return the answer of a block whose trials came to nothing with their worker."""
-    plan, logged = _unpacked(work.packed)
-    timing = TrialTiming(float("nan"), float("nan"), float("nan"))
+    _, logged = _unpacked(work.packed)
+    timing = TrialTiming(*[float("nan")] * 4)
     rows = [
         failed_row(logged.at(trial=trial).plan, message) | _beside(work, timing, worker)
         for trial in work.trials
@@ -109,4 +110,4 @@ def _stream(rows: Sequence[Row], logged: Topology, work: Work) -> bytes:
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, held.schema) as writer:
         writer.write_table(held)
-    return sink.getvalue().to_pybytes()
+    return bytes(sink.getvalue().to_pybytes())

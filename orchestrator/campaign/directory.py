@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from orchestrator.errors import InputError
-from orchestrator.evidence.sources import CAMPAIGN, RESULTS, TOPOLOGIES
+from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES
 
 SHARDS = "shards"
 TIMING = "timing.parquet"
@@ -102,7 +102,8 @@ class CampaignDirectory:
         for file in (self.path / SHARDS).iterdir():
             match = _SHARD.fullmatch(file.name)
             if match is not None:
-                found.append(Shard(*map(int, match.groups()), file))
+                variant, first, last = map(int, match.groups())
+                found.append(Shard(variant, first, last, file))
         return sorted(found)
 
     def write_shard(self, variant: int, trials: Sequence[int], content: bytes) -> None:
@@ -170,8 +171,9 @@ def _check_same(path: Path, held: Mapping[str, Any], asked: Mapping[str, Any]) -
 def _differences(held: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[str]:
     """Return a line for each fact but ``trials`` that is not the same; versions are told one by one."""
     pairs = {name: (held.get(name), asked.get(name)) for name in (*held, *asked) if name != "trials"}
-    before, now = pairs.pop("versions", ({}, {}))
-    pairs |= {name: (before.get(name), now.get(name)) for name in (*(before or {}), *(now or {}))}
+    before, now = (facts.get("versions", {}) for facts in (held, asked))
+    pairs.pop("versions", None)
+    pairs |= {name: (before.get(name), now.get(name)) for name in (*before, *now)}
     hashes = pairs.pop("topology_hashes", (None, None))
     differing = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
     for name, (there, here) in differing.items():

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from orchestrator.campaign.block import TIMING, TIMING_COLUMNS
-from orchestrator.campaign.directory import Shard
 from orchestrator.campaign.directory import TIMING as TIMING_FILE
+from orchestrator.campaign.directory import Shard
 from orchestrator.evidence.sources import RESULTS
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,7 +96,8 @@ class Campaign:
 
     def facts(self) -> dict[str, Any]:
         """Return what ``campaign.json`` says; a campaign goes on only with the same, ``trials`` aside."""
-        swept = {path: list(dict.fromkeys(own.variant.settings[path] for own in self.variants)) for path in self.swept}
+        settings = [own.variant.settings for own in self.variants]
+        swept = {path: list(dict.fromkeys(own[path] for own in settings)) for path in self.swept}
         return {
             "format": _FORMAT,
             "name": self.name,
@@ -106,7 +107,7 @@ class Campaign:
             "trials": self.request.trials,
             "overrides": list(self.request.overrides),
             "swept": swept,
-            "variants": [dict(own.variant.settings) for own in self.variants],
+            "variants": [dict(own) for own in settings],
             "topology_hashes": [own.topology.hash for own in self.variants],
             "versions": versions(),
         }
@@ -174,7 +175,4 @@ def _failed(answer: bytes) -> int:
     import pyarrow as pa
 
     with pa.ipc.open_stream(answer) as reader:
-        return reader.read_all()["status"].to_pylist().count(FAILED)
-
-
-Tell = Callable[[str], None]
+        return int(reader.read_all()["status"].to_pylist().count(FAILED))

@@ -12,11 +12,11 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from orchestrator.campaign.agenda import Agenda
-from orchestrator.campaign.block import Work, failed_block, run_block
 from orchestrator.backends import fork_server
 from orchestrator.backends.child import leave_with_parent, redirect_output
 from orchestrator.backends.fleet import without_main_module
+from orchestrator.campaign.agenda import Agenda
+from orchestrator.campaign.block import Work, failed_block, run_block
 
 if TYPE_CHECKING:
     from multiprocessing.context import ForkServerProcess
