@@ -78,11 +78,11 @@ def _trials(difference: Difference) -> str:
 def _numbers(own: Compared, comparison: Comparison) -> str:
     shift = own.difference.shift
     unit = " in |log ratio|" if meaning_of(own.metric).better is Better.ONE else ""
-    relative = f", {own.relative:+.1%}" if math.isfinite(own.relative) else ""
+    relative = f", {own.relative:+.1%} of their mean" if math.isfinite(own.relative) else ""
     return (
         f"median difference {figure(shift.value)}{unit} ({comparison.confidence:.0%} interval "
-        f"{figure(shift.low)} to {figure(shift.high)}{relative}), p {_p(own.p_adjusted)}, {own.difference.effect_name} "
-        f"{own.difference.effect:+.2f}, {_trials(own.difference)}"
+        f"{figure(shift.low)} to {figure(shift.high)}{relative}), p {_p(own.p_adjusted)}, "
+        f"{own.difference.effect_name} {own.difference.effect:+.2f}, {_trials(own.difference)}"
     )
 
 
