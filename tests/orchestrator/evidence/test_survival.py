@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import lifelines
 import numpy as np
 import pytest
+from lifelines.utils import restricted_mean_survival_time
 from scipy import stats
 
 from orchestrator.evidence.survival import kaplan_meier
@@ -16,14 +18,13 @@ def delays(rng: np.random.Generator, windows: int) -> tuple[np.ndarray, np.ndarr
 
 
 def test_the_survival_function_is_that_of_lifelines() -> None:
-    lifelines = pytest.importorskip("lifelines")
     delay, found = delays(np.random.default_rng(1), 60)
     fitted = lifelines.KaplanMeierFitter().fit(delay, found)
     own = kaplan_meier(delay, found)
     times = np.arange(own.horizon + 1)
     assert own.survival == pytest.approx(fitted.survival_function_at_times(times).to_numpy(), abs=1e-12)
     assert own.median.value == fitted.median_survival_time_
-    mean = lifelines.utils.restricted_mean_survival_time(fitted, t=own.horizon + 1)
+    mean = restricted_mean_survival_time(fitted, t=own.horizon + 1)
     assert own.restricted_mean.value == pytest.approx(mean, abs=1e-12)
 
 
