@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bus import keys
 from bus.integrity import Gate
-from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
+from bus.messages import ChannelEvents, Estimate, Inbox, Message, Truth
 from bus.packets import packets_of_inbox
 from bus.plan import Plan
 from orchestrator.errors import InputError
@@ -119,6 +119,41 @@ def _node(topic: str) -> str:
     return topic.split("/", 2)[1]
 
 
+class _Ledger:
+    """The counts of one phase and round, step by step, of the links that its events name."""
+
+    __slots__ = ("counted", "link", "step", "topic")
+
+    def __init__(self, topic: str, link: Sequence[str]) -> None:
+        self.topic = topic
+        self.link = link
+        self.step = array("q")
+        self.counted: dict[str, array[int]] = {name: array("q") for name in COUNTS[:-1]}
+
+    def take(self, message: ChannelEvents) -> None:
+        """Take the counts of one step; those that a message leaves out are zero on every link."""
+        self.step.append(message.step)
+        counted = self.counted
+        counted["sent"].extend(message.sent)
+        counted["lost"].extend(message.lost)
+        counted["attacked"].extend(message.attacked)
+        counted["delivered"].extend(message.delivered)
+        if message.injected:
+            counted["injected"].extend(message.injected)
+        if message.duplicated:
+            counted["duplicated"].extend(message.duplicated)
+        if message.refused:
+            counted["refused"].extend(message.refused)
+
+    def table(self, name: str) -> Ints:
+        """Return a count by step and link; the steps of one that is often left out are not told."""
+        column = _integers(self.counted[name])
+        width = len(self.link)
+        if column.size % width if width else column.size:
+            raise ScoreError(f"the channel's counts in {self.topic} do not fit its links")
+        return column.reshape(column.size // max(width, 1), width)
+
+
 class Gatherer:
     """Takes the messages of a record one by one, in any order; raises `ScoreError` for one that cannot be."""
 
@@ -127,6 +162,7 @@ class Gatherer:
         self.estimators = _Index({estimator.name: i for i, estimator in enumerate(plan.estimators)})
         self.links = _Index({link.name: i for i, link in enumerate(plan.links)})
         self.stages = _Index({stage.label: i for i, stage in enumerate(plan.stages)})
+        self.known: dict[tuple[str, ...], array[int]] = {}
         self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
@@ -138,17 +174,14 @@ class Gatherer:
             senders.setdefault((link.destination, keys.phase_of(link.stream)), []).append(link.source)
         self.gates = {place: Gate(plan, sources) for place, sources in senders.items()}
         self.deliveries, self.verdicts, self.events, self.injections = (_Rows() for _ in range(4))
-        self.senders = _Index({name: i for i, name in enumerate(plan.node_names)})
-        self.sent = array("q")  # pairs (sender, step)
-        self.counted_link = array("q")
-        self.counted = tuple(array("q") for _ in COUNTS[:-1])
+        self.ledgers: dict[tuple[str, int], _Ledger] = {}
+        self.all_ledgers: list[_Ledger] = []
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.takers: dict[type[Message], Callable[[str, Any], None]] = {
             Truth: self._take_truth,
             Estimate: self._take_estimate,
             Inbox: self._take_inbox,
             ChannelEvents: self._take_events,
-            Transmission: self._take_transmission,
         }
 
     def take(self, topic: str, message: Message) -> None:
@@ -179,32 +212,44 @@ class Gatherer:
     def _take_inbox(self, topic: str, message: Inbox) -> None:
         if not message.source:
             return
-        node, phase = topic.split("/")[1:3]
-        rows, sources, sequences = self.deliveries, message.source, message.sequence
-        norms = _norms(message)
-        if self.plan.integrity or not self.incoming[node].keys() >= set(sources):
-            gate = self.gates.get((node, phase))
-            let_in = [gate is None or gate.admits(packet) for packet in packets_of_inbox(message)]
-            sources, sequences = list(compress(sources, let_in)), list(compress(sequences, let_in))
-            norms = list(compress(norms, let_in))
-        rows.link.extend(map(self.incoming[node].__getitem__, sources))
-        rows.step.extend([message.step] * len(sources))
+        place = (topic, *message.source)
+        links = self.known.get(place)
+        if links is None:
+            links = self.known[place] = self._links_into(topic, message.source)
+        rows, sequences, norms = self.deliveries, message.sequence, _norms(message)
+        if not links:
+            links, let_in = self._let_in(topic, message)
+            sequences, norms = list(compress(sequences, let_in)), list(compress(norms, let_in))
+        rows.link.extend(links)
+        rows.step.extend([message.step] * len(links))
         rows.sequence.extend(sequences)
         rows.value.extend(norms)
 
-    def _take_transmission(self, topic: str, message: Transmission) -> None:
-        if message.sequence:
-            _, node, stream = topic.split("/")
-            if stream in (keys.MEASUREMENT, keys.EXCHANGE):
-                self.sent.extend((self.senders[node], message.step))
+    def _links_into(self, topic: str, sources: Sequence[str]) -> array[int]:
+        """Return the links from some sources into an inbox; none when each packet must be looked at."""
+        incoming = self.incoming[topic.split("/")[1]]
+        if self.plan.integrity or not incoming.keys() >= set(sources):
+            return array("q")
+        return array("q", map(incoming.__getitem__, sources))
+
+    def _let_in(self, topic: str, message: Inbox) -> tuple[array[int], list[bool]]:
+        """Return the links of the packets that the receiver lets in, and which of its packets they are."""
+        node, phase = topic.split("/")[1:3]
+        gate = self.gates.get((node, phase))
+        let_in = [gate is None or gate.admits(packet) for packet in packets_of_inbox(message)]
+        sources = compress(message.source, let_in)
+        return array("q", map(self.incoming[node].__getitem__, sources)), let_in
 
     def _take_events(self, topic: str, message: ChannelEvents) -> None:
-        self.counted_link.extend(map(self.links.__getitem__, message.link))
-        for total, name in zip(self.counted, COUNTS, strict=False):
-            total.extend(getattr(message, name) or [0] * len(message.link))
-        last = self.last_events.get((topic, message.round))
+        place = topic, message.round
+        ledger = self.ledgers.get(place)
+        if ledger is None or ledger.link != message.link:
+            ledger = self.ledgers[place] = _Ledger(topic, message.link)
+            self.all_ledgers.append(ledger)
+        ledger.take(message)
+        last = self.last_events.get(place)
         if last is None or message.step > last.step:
-            self.last_events[topic, message.round] = message
+            self.last_events[place] = message
         if message.event_link:
             self._take_acts(message)
 
@@ -236,7 +281,7 @@ class Gatherer:
             verdicts=self.verdicts.packets(),
             events=self.events.packets(),
             injections=self.injections.packets(),
-            counts=self._counts(),
+            counts=self._counts(),  # it checks what the next one relies on
             sent=self._sent(),
         )
 
@@ -287,24 +332,34 @@ class Gatherer:
         return Estimates(present, declared, error, covariance, nis, nis_dof)
 
     def _sent(self) -> Ints:
-        sender, step = _integers(self.sent).reshape(-1, 2).T
-        if sender.size and not (sender.min() >= 0 and step.min() >= 0 and step.max() < self.plan.steps):
-            raise ScoreError(f"the record holds slots of a node or step outside the plan's {self.plan.steps}")
-        sent = np.zeros((len(self.senders), self.plan.steps), dtype=np.int64)
-        np.add.at(sent, (sender, step), 1)
+        """Return the slots with a packet by sender and step; one link of a sender tells for its stream."""
+        senders = {name: i for i, name in enumerate(self.plan.node_names)}
+        sent = np.zeros((len(senders), self.plan.steps), dtype=np.int64)
+        for ledger in self.all_ledgers:
+            if ledger.topic == keys.channel(keys.CONTROL) or not ledger.link:
+                continue
+            first: dict[str, int] = {}  # a column by sender
+            for column, name in enumerate(ledger.link):
+                first.setdefault(self.plan.links[self.links[name]].source, column)
+            has_sent = ledger.table("sent")[:, list(first.values())] > 0
+            rows = np.array([senders[name] for name in first], dtype=np.int64)
+            np.add.at(sent, (rows[None, :], _integers(ledger.step)[:, None]), has_sent)
         return sent
 
     def _counts(self) -> Ints:
-        link = _integers(self.counted_link)
+        """Return the counts by link; raises `ScoreError` for what the plan does not have."""
+        names = [name for ledger in self.all_ledgers for name in ledger.link]
         acts = (self.events, self.injections, self.deliveries)
-        if min(link, default=0) < 0 or any(min(rows.link, default=0) < 0 for rows in acts):
+        if any(name not in self.links for name in names) or any(min(r.link, default=0) < 0 for r in acts):
             raise ScoreError("the record holds packets of a link that the plan does not have")
-        for rows in acts:
+        for rows in (*acts, *self.all_ledgers):
             if rows.step and not (min(rows.step) >= 0 and max(rows.step) < self.plan.steps):
                 raise ScoreError(f"the record holds packets of a step outside the plan's {self.plan.steps}")
         counts = np.zeros((len(COUNTS), len(self.plan.links)), dtype=np.int64)
-        for row, column in zip(counts, self.counted, strict=False):
-            np.add.at(row, link, _integers(column))
+        for ledger in self.all_ledgers:
+            link = [self.links[name] for name in ledger.link]
+            for row, name in zip(counts, ledger.counted, strict=False):
+                np.add.at(row, link, ledger.table(name).sum(axis=0))
         for _, message in sorted(self.last_events.items()):
             left = message.in_flight or [0] * len(message.link)
             for name, count in zip(message.link, left, strict=True):
