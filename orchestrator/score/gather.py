@@ -7,7 +7,7 @@ import sys
 from array import array
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import compress, pairwise
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,11 @@ from orchestrator.errors import InputError
 
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
+
+_AFTER_ESTIMATE = len(keys.estimate(""))
+_MOST_LOOSE = 20_000
+_REFUSED = -2
+"""In the place of a link: the packet was not let in."""
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -54,7 +59,8 @@ class Packets:
 
     ``mark`` is True for a verdict that raised the alarm and for an event that attacked (False: lost);
     ``stage`` is the index of the stage that acted (-1: not one of the plan). ``value`` is the Euclidean norm
-    of the payload of a delivery and of an injection, and the test statistic of a verdict (NaN: not told).
+    of the payload of an injection and of a delivery that may be one, and the test statistic of a verdict
+    (NaN: not told).
     """
 
     link: Ints
@@ -115,8 +121,48 @@ def _integers(column: array[int]) -> Ints:
     return np.array(column, dtype=np.int64)
 
 
-def _node(topic: str) -> str:
-    return topic.split("/", 2)[1]
+class _Payloads:
+    """The payloads of all inboxes, end to end: their norms are wanted only where a packet was injected."""
+
+    def __init__(self) -> None:
+        self.inboxes = array("q")  # three numbers each: step, packets, values
+        self.offset, self.values = array("q"), array("d")
+        self._loose: list[list[float]] = []
+
+    def take(self, message: Inbox) -> None:
+        """Take an inbox that is not empty."""
+        offset, values = message.offset, message.values
+        self.inboxes.extend((message.step, len(offset), len(values)))
+        self.offset.extend(offset)
+        self._loose.append(values)
+        if len(self._loose) >= _MOST_LOOSE:
+            self._pack()
+
+    def _pack(self) -> None:
+        """Pack values, which takes time that most runs need not spend, into less memory."""
+        self.values.extend(chain.from_iterable(self._loose))
+        self._loose.clear()
+
+    def steps(self) -> Ints:
+        """Return the step of every packet."""
+        step, packets, _ = _integers(self.inboxes).reshape(-1, 3).T
+        return np.repeat(step, packets)
+
+    def norms(self, wanted: Bools) -> Floats:
+        """Return the Euclidean norm of each packet's payload that is wanted; NaN of the others."""
+        _, packets, size = _integers(self.inboxes).reshape(-1, 3).T
+        begin = np.repeat(np.cumsum(size) - size, packets) + _integers(self.offset)
+        last = np.cumsum(packets) - 1
+        end = np.append(begin[1:], 0)
+        end[last] = np.cumsum(size)
+        norms = np.full(begin.size, np.nan)
+        if not wanted.any():
+            return norms
+        self._pack()
+        values, largest = self.values, sys.float_info.max
+        for i in np.flatnonzero(wanted).tolist():
+            norms[i] = min(math.hypot(*values[begin[i] : end[i]]), largest)
+        return norms
 
 
 class _Ledger:
@@ -163,6 +209,7 @@ class Gatherer:
         self.links = _Index({link.name: i for i, link in enumerate(plan.links)})
         self.stages = _Index({stage.label: i for i, stage in enumerate(plan.stages)})
         self.known: dict[tuple[str, ...], array[int]] = {}
+        self.payloads = _Payloads()
         self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
@@ -194,13 +241,22 @@ class Gatherer:
         self.truth[message.step] = message.state
 
     def _take_estimate(self, topic: str, message: Estimate) -> None:
-        name, step = _node(topic), message.step
-        sizes = len(message.state), len(message.covariance)
-        node = self.estimators[name]
-        self.estimates.extend((node, step, message.refers_to, message.diverged, message.nis_dof, *sizes))
+        name, step = topic[_AFTER_ESTIMATE:], message.step
+        state, covariance = message.state, message.covariance
+        self.estimates.extend(
+            (
+                self.estimators[name],
+                step,
+                message.refers_to,
+                message.diverged,
+                message.nis_dof,
+                len(state),
+                len(covariance),
+            )
+        )
         self.nis.append(message.nis)
-        self.state.extend(message.state)
-        self.covariance.extend(message.covariance)
+        self.state.extend(state)
+        self.covariance.extend(covariance)
         if message.detector_source:
             incoming, rows = self.incoming[name], self.verdicts
             rows.link.extend(map(incoming.__getitem__, message.detector_source))
@@ -216,14 +272,12 @@ class Gatherer:
         links = self.known.get(place)
         if links is None:
             links = self.known[place] = self._links_into(topic, message.source)
-        rows, sequences, norms = self.deliveries, message.sequence, _norms(message)
         if not links:
-            links, let_in = self._let_in(topic, message)
-            sequences, norms = list(compress(sequences, let_in)), list(compress(norms, let_in))
+            links = self._let_in(topic, message)
+        rows = self.deliveries
         rows.link.extend(links)
-        rows.step.extend([message.step] * len(links))
-        rows.sequence.extend(sequences)
-        rows.value.extend(norms)
+        rows.sequence.extend(message.sequence)
+        self.payloads.take(message)
 
     def _links_into(self, topic: str, sources: Sequence[str]) -> array[int]:
         """Return the links from some sources into an inbox; none when each packet must be looked at."""
@@ -232,13 +286,17 @@ class Gatherer:
             return array("q")
         return array("q", map(incoming.__getitem__, sources))
 
-    def _let_in(self, topic: str, message: Inbox) -> tuple[array[int], list[bool]]:
-        """Return the links of the packets that the receiver lets in, and which of its packets they are."""
+    def _let_in(self, topic: str, message: Inbox) -> array[int]:
+        """Return the links of an inbox's packets, `_REFUSED` for those that the receiver does not let in."""
         node, phase = topic.split("/")[1:3]
-        gate = self.gates.get((node, phase))
-        let_in = [gate is None or gate.admits(packet) for packet in packets_of_inbox(message)]
-        sources = compress(message.source, let_in)
-        return array("q", map(self.incoming[node].__getitem__, sources)), let_in
+        gate, incoming = self.gates.get((node, phase)), self.incoming[node]
+        return array(
+            "q",
+            [
+                incoming[packet.source] if gate is None or gate.admits(packet) else _REFUSED
+                for packet in packets_of_inbox(message)
+            ],
+        )
 
     def _take_events(self, topic: str, message: ChannelEvents) -> None:
         place = topic, message.round
@@ -273,15 +331,15 @@ class Gatherer:
 
     def finish(self) -> Gathered:
         """Return all that was taken."""
-        truth = self._truth()
+        truth, deliveries = self._truth(), self._delivered()
         return Gathered(
             truth_present=np.asarray(np.isfinite(truth).all(axis=1)),
             estimates=self._estimates(truth),
-            deliveries=self.deliveries.packets(),
+            deliveries=deliveries,
             verdicts=self.verdicts.packets(),
             events=self.events.packets(),
             injections=self.injections.packets(),
-            counts=self._counts(),  # it checks what the next one relies on
+            counts=self._counts(deliveries),  # it checks what the next one relies on
             sent=self._sent(),
         )
 
@@ -331,6 +389,16 @@ class Gatherer:
         covariance[node[has], step[has]] = np.array(self.covariance).reshape(has.sum(), n, n)
         return Estimates(present, declared, error, covariance, nis, nis_dof)
 
+    def _delivered(self) -> Packets:
+        """Return the deliveries; a norm is told where an injection has the packet's receiver and number."""
+        rows = self.deliveries
+        link, sequence = _integers(rows.link), _integers(rows.sequence)
+        let_in = link != _REFUSED
+        false, mark = {*self.injections.sequence}, np.zeros(link.size, dtype=bool)
+        wanted = let_in & np.isin(sequence, list(false)) if false else mark
+        columns = link, self.payloads.steps(), sequence, mark, np.full(link.size, -1)
+        return Packets(*(column[let_in] for column in (*columns, self.payloads.norms(wanted))))
+
     def _sent(self) -> Ints:
         """Return the slots with a packet by sender and step; one link of a sender tells for its stream."""
         senders = {name: i for i, name in enumerate(self.plan.node_names)}
@@ -346,14 +414,14 @@ class Gatherer:
             np.add.at(sent, (rows[None, :], _integers(ledger.step)[:, None]), has_sent)
         return sent
 
-    def _counts(self) -> Ints:
+    def _counts(self, deliveries: Packets) -> Ints:
         """Return the counts by link; raises `ScoreError` for what the plan does not have."""
         names = [name for ledger in self.all_ledgers for name in ledger.link]
-        acts = (self.events, self.injections, self.deliveries)
-        if any(name not in self.links for name in names) or any(min(r.link, default=0) < 0 for r in acts):
+        acts = (self.events.packets(), self.injections.packets(), deliveries)
+        if any(name not in self.links for name in names) or any((own.link < 0).any() for own in acts):
             raise ScoreError("the record holds packets of a link that the plan does not have")
-        for rows in (*acts, *self.all_ledgers):
-            if rows.step and not (min(rows.step) >= 0 and max(rows.step) < self.plan.steps):
+        for step in (*(own.step for own in acts), *(_integers(own.step) for own in self.all_ledgers)):
+            if step.size and not (step.min() >= 0 and step.max() < self.plan.steps):
                 raise ScoreError(f"the record holds packets of a step outside the plan's {self.plan.steps}")
         counts = np.zeros((len(COUNTS), len(self.plan.links)), dtype=np.int64)
         for ledger in self.all_ledgers:
@@ -365,13 +433,6 @@ class Gatherer:
             for name, count in zip(message.link, left, strict=True):
                 counts[-1, self.links[name]] = count
         return counts
-
-
-def _norms(message: Inbox) -> Sequence[float]:
-    """Return the Euclidean norm of each payload of an inbox."""
-    values = message.values
-    bounds = pairwise([*message.offset, len(values)])
-    return [min(math.hypot(*values[begin:end]), sys.float_info.max) for begin, end in bounds]
 
 
 def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:
