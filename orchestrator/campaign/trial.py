@@ -72,7 +72,9 @@ def _noting_steps(gatherer: Gatherer, stamps: list[float]) -> Callable[[str, Mes
         kind = type(message)
         if kind is Truth:
             stamps.append(clock())
-        takers[kind](topic, message)
+        known = takers.get(kind)
+        if known is not None:
+            known(topic, message)
 
     return take
 

@@ -19,7 +19,7 @@ from orchestrator.evidence.derived import Derived, derive
 from orchestrator.score.accuracy import STATE
 from orchestrator.score.catalogue import find_metric, metric_names
 from orchestrator.score.gather import Gathered, gather
-from orchestrator.score.measure import measure
+from orchestrator.score.measure import LinkSet, link_value, measure, node_value
 from orchestrator.score.results import AttackWindow, Score
 from orchestrator.score.scoring import Evidence, score_gathered
 from orchestrator.topology.resolved import Topology
@@ -100,12 +100,24 @@ def _scalars(score: Score, groups: Collection[str]) -> dict[str, dict[str, float
 
     Metrics of attack windows stand in the rows' own columns for windows.
     """
+    into = {
+        name: [link for link in score.links if link.destination == name]
+        for name in (node.name for node in score.nodes)
+    }
+    sets = {name: LinkSet(f"links into {name}", links, score) for name, links in into.items()}
     found: dict[str, dict[str, float | None]] = {}
     for name in scalar_names(groups):
         metric = find_metric(name, groups)
         assert metric is not None
-        values = {node.name: measure(score, name, metric, nodes=[node.name]) for node in score.nodes}
-        found[name] = {node: _scalar(value) for node, ((_, value),) in values.items()}
+        if metric.scope == "node":
+            values = {node.name: node_value(score, node, name) for node in score.nodes}
+        elif metric.scope == "link":
+            values = {node: link_value(chosen, name) for node, chosen in sets.items()}
+        else:
+            values = {
+                node.name: measure(score, name, metric, nodes=[node.name])[0][1] for node in score.nodes
+            }
+        found[name] = {node: _scalar(value) for node, value in values.items()}
     return found
 
 

@@ -8,7 +8,6 @@ delivered packet is *rejected* when the first verdict on it at or after its deli
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -102,31 +101,50 @@ def _paired(verdict: Ints, delivery_code: Ints, verdict_code: Ints) -> Ints:
 
 
 def _injected(plan: Plan, gathered: Gathered) -> tuple[Bools, Ints, Ints]:
-    """Return which deliveries were injected, and pairs: where an injection landed, and which one it was."""
+    """Return which deliveries were injected, and pairs: where an injection landed, and which one it was.
+
+    An injection lands where the first delivery from its step on that it is known by is not taken yet.
+    """
     deliveries, injections = gathered.deliveries, gathered.injections
     injected = np.zeros(deliveries.link.size, dtype=bool)
-    landed, which = [], []
-    receiver = np.array([plan.node_names.index(link.destination) for link in plan.links], dtype=np.int64)
-    wanted = _known_by(receiver, injections)
-    places: dict[tuple[int, int, float], list[int]] = defaultdict(list)
-    if wanted:
-        interesting = set(wanted)
-        for place, key in enumerate(_known_by(receiver, deliveries)):
-            if key in interesting:
-                places[key].append(place)
-    for number, (key, step) in enumerate(zip(wanted, injections.step.tolist(), strict=True)):
-        later = [place for place in places[key] if deliveries.step[place] >= step]
-        fresh = [place for place in later if not injected[place]]
+    if not injections.link.size:
+        return injected, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    delivered, wanted = _identities(plan, deliveries, injections)
+    order = np.argsort(delivered, kind="stable")
+    begin, end = (np.searchsorted(delivered[order], wanted, side=side) for side in ("left", "right"))
+    _, which_code, counts = np.unique(wanted, return_inverse=True, return_counts=True)
+    alone = (end - begin == 1) & (counts[which_code] == 1)
+    places, numbers = order[begin[alone]], np.flatnonzero(alone)
+    in_time = deliveries.step[places] >= injections.step[numbers]
+    landed, which = places[in_time].tolist(), numbers[in_time].tolist()
+    injected[landed] = True
+    for number in np.flatnonzero(~alone).tolist():
+        candidates = order[begin[number] : end[number]]
+        later = candidates[deliveries.step[candidates] >= injections.step[number]]
+        fresh = later[~injected[later]]
         injected[later] = True
-        landed += fresh[:1]
+        landed += fresh[:1].tolist()
         which += [number] * len(fresh[:1])
-    return injected, np.array(landed, dtype=np.int64), np.array(which, dtype=np.int64)
+    by_number = np.argsort(which, kind="stable")
+    return injected, np.array(landed, dtype=np.int64)[by_number], np.array(which, dtype=np.int64)[by_number]
 
 
-def _known_by(receiver: Ints, packets: Packets) -> list[tuple[int, int, float]]:
-    """Return (receiver, sequence, norm) of some packets."""
-    columns = (receiver[packets.link], packets.sequence, packets.value)
-    return list(zip(*(column.tolist() for column in columns), strict=True))
+def _identities(plan: Plan, deliveries: Packets, injections: Packets) -> tuple[Ints, Ints]:
+    """Return a number for each packet's (receiver, sequence, norm), equal for equal ones.
+
+    A packet whose norm is not told is like no other: it has a negative number of its own.
+    """
+    index = {name: i for i, name in enumerate(plan.node_names)}
+    receiver = np.array([index[link.destination] for link in plan.links], dtype=np.int64)
+    tables = (deliveries, injections)
+    number = np.concatenate([receiver[table.link] for table in tables])
+    for column in ("sequence", "value"):
+        joined = np.concatenate([getattr(table, column) for table in tables])
+        values, dense = np.unique(joined, return_inverse=True)
+        number = number * values.size + dense
+    untold = np.isnan(joined)
+    number[untold] = -1 - np.arange(untold.sum())
+    return number[: deliveries.link.size], number[deliveries.link.size :]
 
 
 def judge(plan: Plan, gathered: Gathered) -> Judgement:

@@ -7,7 +7,7 @@ import sys
 from array import array
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import compress, pairwise
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,11 @@ from orchestrator.score.measurements import MeasurementRows, Measurements
 
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
+
+_AFTER_ESTIMATE = len(keys.estimate(""))
+_MOST_LOOSE = 20_000
+_REFUSED = -2
+"""In the place of a link: the packet was not let in."""
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -57,7 +62,8 @@ class Packets:
 
     ``mark`` is True for a verdict that raised the alarm and for an event that attacked (False: lost);
     ``stage`` is the index of the stage that acted (-1: not one of the plan). ``value`` is the Euclidean norm
-    of the payload of a delivery and of an injection, and the test statistic of a verdict (NaN: not told).
+    of the payload of an injection and of a delivery that may be one, and the test statistic of a verdict
+    (NaN: not told).
     """
 
     link: Ints
@@ -119,8 +125,83 @@ def _integers(column: array[int]) -> Ints:
     return np.array(column, dtype=np.int64)
 
 
-def _node(topic: str) -> str:
-    return topic.split("/", 2)[1]
+class _Payloads:
+    """The payloads of all inboxes, end to end: their norms are wanted only where a packet was injected."""
+
+    def __init__(self) -> None:
+        self.inboxes = array("q")  # three numbers each: step, packets, values
+        self.offset, self.values = array("q"), array("d")
+        self._loose: list[list[float]] = []
+
+    def take(self, message: Inbox) -> None:
+        """Take an inbox that is not empty."""
+        offset, values = message.offset, message.values
+        self.inboxes.extend((message.step, len(offset), len(values)))
+        self.offset.extend(offset)
+        self._loose.append(values)
+        if len(self._loose) >= _MOST_LOOSE:
+            self._pack()
+
+    def _pack(self) -> None:
+        """Pack values, which takes time that most runs need not spend, into less memory."""
+        self.values.extend(chain.from_iterable(self._loose))
+        self._loose.clear()
+
+    def steps(self) -> Ints:
+        """Return the step of every packet."""
+        step, packets, _ = _integers(self.inboxes).reshape(-1, 3).T
+        return np.repeat(step, packets)
+
+    def norms(self, wanted: Bools) -> Floats:
+        """Return the Euclidean norm of each packet's payload that is wanted; NaN of the others."""
+        _, packets, size = _integers(self.inboxes).reshape(-1, 3).T
+        begin = np.repeat(np.cumsum(size) - size, packets) + _integers(self.offset)
+        last = np.cumsum(packets) - 1
+        end = np.append(begin[1:], 0)
+        end[last] = np.cumsum(size)
+        norms = np.full(begin.size, np.nan)
+        if not wanted.any():
+            return norms
+        self._pack()
+        values, largest = self.values, sys.float_info.max
+        for i in np.flatnonzero(wanted).tolist():
+            norms[i] = min(math.hypot(*values[begin[i] : end[i]]), largest)
+        return norms
+
+
+class _Ledger:
+    """The counts of one phase and round, step by step, of the links that its events name."""
+
+    __slots__ = ("counted", "link", "step", "topic")
+
+    def __init__(self, topic: str, link: Sequence[str]) -> None:
+        self.topic = topic
+        self.link = link
+        self.step = array("q")
+        self.counted: dict[str, array[int]] = {name: array("q") for name in COUNTS[:-1]}
+
+    def take(self, message: ChannelEvents) -> None:
+        """Take the counts of one step; those that a message leaves out are zero on every link."""
+        self.step.append(message.step)
+        counted = self.counted
+        counted["sent"].extend(message.sent)
+        counted["lost"].extend(message.lost)
+        counted["attacked"].extend(message.attacked)
+        counted["delivered"].extend(message.delivered)
+        if message.injected:
+            counted["injected"].extend(message.injected)
+        if message.duplicated:
+            counted["duplicated"].extend(message.duplicated)
+        if message.refused:
+            counted["refused"].extend(message.refused)
+
+    def table(self, name: str) -> Ints:
+        """Return a count by step and link; the steps of one that is often left out are not told."""
+        column = _integers(self.counted[name])
+        width = len(self.link)
+        if column.size % width if width else column.size:
+            raise ScoreError(f"the channel's counts in {self.topic} do not fit its links")
+        return column.reshape(column.size // max(width, 1), width)
 
 
 class Gatherer:
@@ -131,6 +212,8 @@ class Gatherer:
         self.estimators = _Index({estimator.name: i for i, estimator in enumerate(plan.estimators)})
         self.links = _Index({link.name: i for i, link in enumerate(plan.links)})
         self.stages = _Index({stage.label: i for i, stage in enumerate(plan.stages)})
+        self.known: dict[tuple[str, ...], array[int]] = {}
+        self.payloads = _Payloads()
         self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
@@ -142,18 +225,16 @@ class Gatherer:
             senders.setdefault((link.destination, keys.phase_of(link.stream)), []).append(link.source)
         self.gates = {place: Gate(plan, sources) for place, sources in senders.items()}
         self.deliveries, self.verdicts, self.events, self.injections = (_Rows() for _ in range(4))
+        self.ledgers: dict[tuple[str, int], _Ledger] = {}
+        self.all_ledgers: list[_Ledger] = []
         self.measurements = MeasurementRows(plan)
-        self.senders = _Index({name: i for i, name in enumerate(plan.node_names)})
-        self.sent = array("q")  # pairs (sender, step)
-        self.counted_link = array("q")
-        self.counted = tuple(array("q") for _ in COUNTS[:-1])
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.takers: dict[type[Message], Callable[[str, Any], None]] = {
             Truth: self._take_truth,
             Estimate: self._take_estimate,
             Inbox: self._take_inbox,
             ChannelEvents: self._take_events,
-            Transmission: self._take_transmission,
+            Transmission: self.measurements.take_sent,
         }
 
     def take(self, topic: str, message: Message) -> None:
@@ -166,13 +247,22 @@ class Gatherer:
         self.truth[message.step] = message.state
 
     def _take_estimate(self, topic: str, message: Estimate) -> None:
-        name, step = _node(topic), message.step
-        sizes = len(message.state), len(message.covariance)
-        node = self.estimators[name]
-        self.estimates.extend((node, step, message.refers_to, message.diverged, message.nis_dof, *sizes))
+        name, step = topic[_AFTER_ESTIMATE:], message.step
+        state, covariance = message.state, message.covariance
+        self.estimates.extend(
+            (
+                self.estimators[name],
+                step,
+                message.refers_to,
+                message.diverged,
+                message.nis_dof,
+                len(state),
+                len(covariance),
+            )
+        )
         self.nis.append(message.nis)
-        self.state.extend(message.state)
-        self.covariance.extend(message.covariance)
+        self.state.extend(state)
+        self.covariance.extend(covariance)
         if message.detector_source:
             incoming, rows = self.incoming[name], self.verdicts
             rows.link.extend(map(incoming.__getitem__, message.detector_source))
@@ -184,37 +274,47 @@ class Gatherer:
     def _take_inbox(self, topic: str, message: Inbox) -> None:
         if not message.source:
             return
-        node, phase = topic.split("/")[1:3]
-        rows, sources, sequences = self.deliveries, message.source, message.sequence
-        norms = _norms(message)
-        let_in = None
-        if self.plan.integrity or not self.incoming[node].keys() >= set(sources):
-            gate = self.gates.get((node, phase))
-            let_in = [gate is None or gate.admits(packet) for packet in packets_of_inbox(message)]
-            sources, sequences = list(compress(sources, let_in)), list(compress(sequences, let_in))
-            norms = list(compress(norms, let_in))
-        if phase == keys.CORRECT:
-            self.measurements.take_inbox(node, message, let_in)
-        rows.link.extend(map(self.incoming[node].__getitem__, sources))
-        rows.step.extend([message.step] * len(sources))
-        rows.sequence.extend(sequences)
-        rows.value.extend(norms)
+        place = (topic, *message.source)
+        links = self.known.get(place)
+        if links is None:
+            links = self.known[place] = self._links_into(topic, message.source)
+        if not links:
+            links = self._let_in(topic, message)
+        rows = self.deliveries
+        rows.link.extend(links)
+        rows.sequence.extend(message.sequence)
+        self.payloads.take(message)
+        self.measurements.take_inbox(topic, message, links)
 
-    def _take_transmission(self, topic: str, message: Transmission) -> None:
-        if message.sequence:
-            _, node, stream = topic.split("/")
-            if stream in (keys.MEASUREMENT, keys.EXCHANGE):
-                self.sent.extend((self.senders[node], message.step))
-            if stream == keys.MEASUREMENT:
-                self.measurements.take_sent(node, message)
+    def _links_into(self, topic: str, sources: Sequence[str]) -> array[int]:
+        """Return the links from some sources into an inbox; none when each packet must be looked at."""
+        incoming = self.incoming[topic.split("/")[1]]
+        if self.plan.integrity or not incoming.keys() >= set(sources):
+            return array("q")
+        return array("q", map(incoming.__getitem__, sources))
+
+    def _let_in(self, topic: str, message: Inbox) -> array[int]:
+        """Return the links of an inbox's packets, `_REFUSED` for those that the receiver does not let in."""
+        node, phase = topic.split("/")[1:3]
+        gate, incoming = self.gates.get((node, phase)), self.incoming[node]
+        return array(
+            "q",
+            [
+                incoming[packet.source] if gate is None or gate.admits(packet) else _REFUSED
+                for packet in packets_of_inbox(message)
+            ],
+        )
 
     def _take_events(self, topic: str, message: ChannelEvents) -> None:
-        self.counted_link.extend(map(self.links.__getitem__, message.link))
-        for total, name in zip(self.counted, COUNTS, strict=False):
-            total.extend(getattr(message, name) or [0] * len(message.link))
-        last = self.last_events.get((topic, message.round))
+        place = topic, message.round
+        ledger = self.ledgers.get(place)
+        if ledger is None or ledger.link != message.link:
+            ledger = self.ledgers[place] = _Ledger(topic, message.link)
+            self.all_ledgers.append(ledger)
+        ledger.take(message)
+        last = self.last_events.get(place)
         if last is None or message.step > last.step:
-            self.last_events[topic, message.round] = message
+            self.last_events[place] = message
         if message.event_link:
             self._take_acts(message)
 
@@ -238,15 +338,15 @@ class Gatherer:
 
     def finish(self) -> Gathered:
         """Return all that was taken."""
-        truth = self._truth()
+        truth, deliveries = self._truth(), self._delivered()
         return Gathered(
             truth_present=np.asarray(np.isfinite(truth).all(axis=1)),
             estimates=self._estimates(truth),
-            deliveries=self.deliveries.packets(),
+            deliveries=deliveries,
             verdicts=self.verdicts.packets(),
             events=self.events.packets(),
             injections=self.injections.packets(),
-            counts=self._counts(),
+            counts=self._counts(deliveries),  # it checks what the next one relies on
             sent=self._sent(),
             measurements=self.measurements.finish(),
         )
@@ -301,37 +401,50 @@ class Gatherer:
         covariance[node[has], step[has]] = np.array(self.covariance).reshape(has.sum(), n, n)
         return Estimates(present, declared, refers, state, error, covariance, nis, nis_dof)
 
+    def _delivered(self) -> Packets:
+        """Return the deliveries; a norm is told where an injection has the packet's receiver and number."""
+        rows = self.deliveries
+        link, sequence = _integers(rows.link), _integers(rows.sequence)
+        let_in = link != _REFUSED
+        false, mark = {*self.injections.sequence}, np.zeros(link.size, dtype=bool)
+        wanted = let_in & np.isin(sequence, list(false)) if false else mark
+        columns = link, self.payloads.steps(), sequence, mark, np.full(link.size, -1)
+        return Packets(*(column[let_in] for column in (*columns, self.payloads.norms(wanted))))
+
     def _sent(self) -> Ints:
-        sender, step = _integers(self.sent).reshape(-1, 2).T
-        if sender.size and not (sender.min() >= 0 and step.min() >= 0 and step.max() < self.plan.steps):
-            raise ScoreError(f"the record holds slots of a node or step outside the plan's {self.plan.steps}")
-        sent = np.zeros((len(self.senders), self.plan.steps), dtype=np.int64)
-        np.add.at(sent, (sender, step), 1)
+        """Return the slots with a packet by sender and step; one link of a sender tells for its stream."""
+        senders = {name: i for i, name in enumerate(self.plan.node_names)}
+        sent = np.zeros((len(senders), self.plan.steps), dtype=np.int64)
+        for ledger in self.all_ledgers:
+            if ledger.topic == keys.channel(keys.CONTROL) or not ledger.link:
+                continue
+            first: dict[str, int] = {}  # a column by sender
+            for column, name in enumerate(ledger.link):
+                first.setdefault(self.plan.links[self.links[name]].source, column)
+            has_sent = ledger.table("sent")[:, list(first.values())] > 0
+            rows = np.array([senders[name] for name in first], dtype=np.int64)
+            np.add.at(sent, (rows[None, :], _integers(ledger.step)[:, None]), has_sent)
         return sent
 
-    def _counts(self) -> Ints:
-        link = _integers(self.counted_link)
-        acts = (self.events, self.injections, self.deliveries)
-        if min(link, default=0) < 0 or any(min(rows.link, default=0) < 0 for rows in acts):
+    def _counts(self, deliveries: Packets) -> Ints:
+        """Return the counts by link; raises `ScoreError` for what the plan does not have."""
+        names = [name for ledger in self.all_ledgers for name in ledger.link]
+        acts = (self.events.packets(), self.injections.packets(), deliveries)
+        if any(name not in self.links for name in names) or any((own.link < 0).any() for own in acts):
             raise ScoreError("the record holds packets of a link that the plan does not have")
-        for rows in acts:
-            if rows.step and not (min(rows.step) >= 0 and max(rows.step) < self.plan.steps):
+        for step in (*(own.step for own in acts), *(_integers(own.step) for own in self.all_ledgers)):
+            if step.size and not (step.min() >= 0 and step.max() < self.plan.steps):
                 raise ScoreError(f"the record holds packets of a step outside the plan's {self.plan.steps}")
         counts = np.zeros((len(COUNTS), len(self.plan.links)), dtype=np.int64)
-        for row, column in zip(counts, self.counted, strict=False):
-            np.add.at(row, link, _integers(column))
+        for ledger in self.all_ledgers:
+            link = [self.links[name] for name in ledger.link]
+            for row, name in zip(counts, ledger.counted, strict=False):
+                np.add.at(row, link, ledger.table(name).sum(axis=0))
         for _, message in sorted(self.last_events.items()):
             left = message.in_flight or [0] * len(message.link)
             for name, count in zip(message.link, left, strict=True):
                 counts[-1, self.links[name]] = count
         return counts
-
-
-def _norms(message: Inbox) -> Sequence[float]:
-    """Return the Euclidean norm of each payload of an inbox."""
-    values = message.values
-    bounds = pairwise([*message.offset, len(values)])
-    return [min(math.hypot(*values[begin:end]), sys.float_info.max) for begin, end in bounds]
 
 
 def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:

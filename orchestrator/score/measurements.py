@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from bus import keys
 from bus.messages import Inbox, Transmission
 from bus.plan import Plan
+
+_ONE_PACKET = [0]
+_CHANGED = -1
 
 
 @dataclass(frozen=True)
@@ -35,54 +38,58 @@ class Measurements:
 
 
 class MeasurementRows:
-    """Measurements in the making; messages may come in any order."""
+    """Measurements in the making; messages may come in any order, and are looked at when all have come."""
 
     def __init__(self, plan: Plan) -> None:
-        self._estimators = {own.name: i for i, own in enumerate(plan.estimators)}
         self._sensors = {own.name: i for i, own in enumerate(plan.sensors)}
+        self._senders = {keys.tx(own.name, keys.MEASUREMENT): i for i, own in enumerate(plan.sensors)}
+        self._receivers = {keys.rx(own.name, keys.CORRECT): i for i, own in enumerate(plan.estimators)}
         self._steps = plan.steps
-        self._sent: dict[tuple[int, int], tuple[int, list[float]]] = {}
-        self._rows = array("q")  # estimator, sensor, step, sequence
-        self._values: list[list[float]] = []
+        self._sent: list[tuple[int, int, list[int], list[int], list[float]]] = []
+        self._came: list[tuple[int, Inbox, Sequence[int]]] = []
 
-    def take_sent(self, node: str, message: Transmission) -> None:
-        """Take what a sensor sent in a step."""
-        sensor = self._sensors.get(node)
+    def take_sent(self, topic: str, message: Transmission) -> None:
+        """Take what a node sent in a step, if it is a sensor's measurement."""
+        sensor = self._senders.get(topic)
         if sensor is not None:
-            payloads = _payloads(message.values, message.offset)
-            for sequence, values in zip(message.sequence, payloads, strict=True):
-                self._sent[sensor, sequence] = (message.step, values)
+            self._sent.append((sensor, message.step, message.sequence, message.offset, message.values))
 
-    def take_inbox(self, node: str, message: Inbox, let_in: Sequence[bool] | None) -> None:
-        """Take what reached an estimator; ``let_in`` marks the packets that passed its gate, None for all."""
-        estimator = self._estimators.get(node)
-        if estimator is None:
-            return
-        payloads = _payloads(message.values, message.offset)
-        packets = zip(message.source, message.sequence, message.kind, payloads, strict=True)
-        for place, (source, sequence, kind, values) in enumerate(packets):
-            sensor = self._sensors.get(source)
-            if sensor is None or kind != keys.MEASUREMENT or not (let_in is None or let_in[place]):
-                continue
-            self._rows.extend((estimator, sensor, message.step, sequence))
-            self._values.append(values)
+    def take_inbox(self, topic: str, message: Inbox, links: Sequence[int]) -> None:
+        """Take what reached a node; ``links`` tells the link of each packet, below -1 for one not let in."""
+        estimator = self._receivers.get(topic)
+        if estimator is not None:
+            self._came.append((estimator, message, links))
 
     def finish(self) -> Measurements:
         """Return all that was taken."""
-        estimator, sensor, step, sequence = np.array(self._rows, dtype=np.int64).reshape(-1, 4).T
-        numbers = zip(sensor.tolist(), sequence.tolist(), step.tolist(), self._values, strict=True)
-        fates = np.array([self._fate(*packet) for packet in numbers], dtype=np.int64)
+        originals: dict[tuple[int, int], tuple[int, list[float]]] = {}
         sent = np.zeros((len(self._sensors), self._steps), dtype=bool)
-        if self._sent:
-            places = [(sensor, step) for (sensor, _), (step, _) in self._sent.items()]
-            sent[tuple(np.array(places).T)] = True
-        return Measurements(estimator, sensor, step, fates == 0, fates > 0, self._values, sent)
+        for sensor, step, sequences, offset, values in self._sent:
+            for sequence, payload in zip(sequences, _payloads(values, offset), strict=True):
+                originals[sensor, sequence] = (step, payload)
+                sent[sensor, step % self._steps] |= 0 <= step < self._steps
+        rows, payloads = array("q"), []
+        for estimator, message, links in self._came:
+            step = message.step
+            for sensor, sequence, payload in self._packets(message, links):
+                sent_step, original = originals.get((sensor, sequence), (step, None))
+                is_original = original == payload and sent_step <= step
+                rows.extend((estimator, sensor, step, step - sent_step if is_original else _CHANGED))
+                payloads.append(payload)
+        estimators, sensors, steps, late = np.array(rows, dtype=np.int64).reshape(-1, 4).T
+        return Measurements(estimators, sensors, steps, late == 0, late > 0, payloads, sent)
 
-    def _fate(self, sensor: int, sequence: int, step: int, values: list[float]) -> int:
-        """Return how many steps late a packet is, -1 when it is not as it was sent."""
-        sent_step, sent = self._sent.get((sensor, sequence), (step, None))
-        return step - sent_step if sent == values and sent_step <= step else -1
+    def _packets(self, message: Inbox, links: Sequence[int]) -> Iterator[tuple[int, int, list[float]]]:
+        """Yield sensor, number and payload of the measurements in an inbox that were let in."""
+        payloads = _payloads(message.values, message.offset)
+        packets = zip(message.source, message.sequence, message.kind, payloads, links, strict=True)
+        for source, sequence, kind, payload, link in packets:
+            sensor = self._sensors.get(source)
+            if sensor is not None and kind == keys.MEASUREMENT and link >= -1:
+                yield sensor, sequence, payload
 
 
 def _payloads(values: list[float], offset: list[int]) -> list[list[float]]:
+    if offset == _ONE_PACKET:
+        return [values]
     return [values[begin:end] for begin, end in pairwise([*offset, len(values)])]
