@@ -39,15 +39,14 @@ def posterior_bound(A: Floats, Q: Floats, initial_covariance: Floats, told: Floa
     """
     observers, steps, _ = arrived.shape
     n = len(A)
-    flat = told.reshape(len(told), n * n)
+    J = (arrived.astype(np.float64) @ told.reshape(len(told), n * n)).reshape(observers, steps, n, n)
     bound = np.empty((observers, steps, n, n))
     P: Floats = np.broadcast_to(initial_covariance, (observers, n, n))
     eye = np.eye(n)
     for k in range(steps):
         if k:
             P = A @ P @ A.T + Q
-        J = (arrived[:, k].astype(np.float64) @ flat).reshape(observers, n, n)
-        corrected = np.linalg.solve(eye + P @ J, P)  # (P^-1 + J)^-1, for a singular P as well
+        corrected = np.linalg.solve(eye + P @ J[:, k], P)  # (P^-1 + J)^-1, for a singular P as well
         P = 0.5 * (corrected + corrected.transpose(0, 2, 1))
         bound[:, k] = P
     return bound

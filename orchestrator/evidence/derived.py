@@ -15,11 +15,11 @@ import numpy as np
 from bus.kinds import load_class
 from bus.plan import Plan, StagePlan
 from orchestrator.evidence.bound import information, posterior_bound
-from orchestrator.evidence.innovations import whitened_innovations
 from orchestrator.evidence.models import LinearModel, UnsuitedError, linear_model, registered_name
+from orchestrator.evidence.observed import innovations_of
 from orchestrator.registry import BUILT_IN
 from orchestrator.score.accuracy import find_networks
-from orchestrator.score.gather import Bools, Floats, Gathered, Ints
+from orchestrator.score.gather import Bools, Floats, Ints
 from orchestrator.score.scoring import Evidence
 
 OWN, NETWORK = "own packets", "packets of the network"
@@ -55,7 +55,7 @@ def derive(plan: Plan, evidence: Evidence) -> Derived:
             [Bounded(nothing, "", str(error))] * len(plan.estimators),
             [np.zeros((0, 0))] * len(plan.estimators),
         )
-    return Derived(_bounds(plan, model, evidence), _innovations(plan, model, evidence))
+    return Derived(_bounds(plan, model, evidence), innovations_of(plan, model, evidence))
 
 
 def _observers(plan: Plan) -> list[list[int]]:
@@ -78,13 +78,14 @@ def _bounds(plan: Plan, model: LinearModel, evidence: Evidence) -> list[Bounded]
         number[members] = i
     genuine = packets.genuine
     arrived[number[packets.estimator[genuine]], packets.step[genuine], packets.sensor[genuine]] = True
+    faults = [min(_faults(plan, evidence, members), default=(plan.steps, "")) for members in observers]
+    last = max(first for first, _ in faults)
     told = np.array([information(C, R) for C, R in zip(model.C, model.R, strict=True)])
-    covariance = posterior_bound(model.A, model.Q, model.initial_covariance, told, arrived)
+    covariance = posterior_bound(model.A, model.Q, model.initial_covariance, told, arrived[:, :last])
     found: list[Bounded | None] = [None] * len(plan.estimators)
-    for i, members in enumerate(observers):
-        first, reason = min(_faults(plan, evidence, members), default=(plan.steps, ""))
-        variance = np.diagonal(covariance[i], axis1=1, axis2=2).copy()
-        variance[first:] = np.nan
+    for i, (members, (first, reason)) in enumerate(zip(observers, faults, strict=True)):
+        variance = np.full((plan.steps, len(model.A)), np.nan)
+        variance[:first] = np.diagonal(covariance[i, :first], axis1=1, axis2=2)
         if 0 < first < plan.steps:
             reason = f"from step {first} on: {reason}"
         bounded = Bounded(variance, OWN if len(members) == 1 else NETWORK, reason)
@@ -143,51 +144,3 @@ def _stage_faults(stage: StagePlan) -> Iterator[tuple[int, str]]:
         yield stage.timing.first, f"what {stage.label} loses may depend on what packets hold"
     elif not load_class(reference).open_loop:
         yield stage.timing.first, f"{stage.label} acts on what it sees"
-
-
-def _innovations(plan: Plan, model: LinearModel, evidence: Evidence) -> list[Floats]:
-    """Return the whitened innovations of each estimator; none where inputs drive the plant."""
-    if plan.controllers:
-        return [np.zeros((0, 0))] * len(plan.estimators)
-    sensors = {own.name: i for i, own in enumerate(plan.sensors)}
-    return [
-        _of_estimator(plan, model, evidence, i, [sensors[name] for name in own.sensors])
-        for i, own in enumerate(plan.estimators)
-    ]
-
-
-def _of_estimator(plan: Plan, model: LinearModel, evidence: Evidence, i: int, heard: Sequence[int]) -> Floats:
-    from scipy.linalg import block_diag
-
-    estimates = evidence.gathered.estimates
-    ahead = (estimates.refers_to[i] - np.arange(plan.steps))[estimates.present[i]]
-    if not heard or not ahead.size or ahead.min() != ahead.max() or ahead[0] not in (0, 1):
-        return np.zeros((0, 0))
-    n = len(model.A)
-    A, Q = (model.A, model.Q) if ahead[0] == 0 else (np.eye(n), np.zeros((n, n)))
-    C, R = np.concatenate([model.C[s] for s in heard]), block_diag(*(model.R[s] for s in heard))
-    state, covariance = np.full((plan.steps, n), np.nan), np.full((plan.steps, n, n), np.nan)
-    alive = evidence.errors.alive[i, :-1]
-    state[1:][alive] = estimates.state[i, :-1][alive]
-    covariance[1:][alive] = estimates.covariance[i, :-1][alive]
-    measured = _measured(evidence.gathered, i, [(s, len(model.C[s])) for s in heard], plan.steps)
-    return whitened_innovations(A, Q, C, R, state, covariance, measured)
-
-
-def _measured(gathered: Gathered, i: int, heard: Sequence[tuple[int, int]], steps: int) -> Floats:
-    """Return one measurement of every sensor in every step (K, M): the genuine one, or the first that came.
-
-    One that came late is not of its step.
-    """
-    packets = gathered.measurements
-    place, width = {}, 0
-    for sensor, size in heard:
-        place[sensor] = (width, width + size)
-        width += size
-    measured = np.full((steps, width), np.nan)
-    mine = np.flatnonzero((packets.estimator == i) & ~packets.late)[::-1]
-    for row in mine[np.argsort(packets.genuine[mine], kind="stable")].tolist():
-        begin, end = place.get(int(packets.sensor[row]), (0, 0))
-        if len(packets.values[row]) == end - begin:
-            measured[packets.step[row], begin:end] = packets.values[row]
-    return measured

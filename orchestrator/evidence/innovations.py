@@ -15,7 +15,7 @@ from orchestrator.score.gather import Floats
 def whitened_innovations(
     A: Floats, Q: Floats, C: Floats, R: Floats, state: Floats, covariance: Floats, measured: Floats
 ) -> Floats:
-    """Return the whitened innovations (K, M) of one estimator, NaN where no measurement came.
+    """Return the whitened innovations (E, K, M) of E estimators, NaN where no measurement came.
 
     ``L^-1 (y - C A x)`` with ``L L' = C (A P A' + Q) C' + R`` over the components that came, in their order.
 
@@ -24,21 +24,23 @@ def whitened_innovations(
     A, Q
         The plant, (n, n) each.
     C, R
-        The sensors that it hears, one over the other: (M, n) and (M, M).
+        The sensors that each hears, one over the other: (E, M, n) and (E, M, M).
     state, covariance
-        What it believed of the step before each step, (K, n) and (K, n, n); NaN where nothing.
+        What each believed of the step before each step, (E, K, n) and (E, K, n, n); NaN where nothing.
     measured
-        The measurements of each step (K, M), NaN where none came.
+        The measurements of each step (E, K, M), NaN where none came.
     """
     white = np.full(measured.shape, np.nan)
-    usable = np.isfinite(state).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
-    usable &= np.isfinite(measured).any(axis=1)
+    usable = np.isfinite(state).all(axis=2) & np.isfinite(covariance).all(axis=(2, 3))
+    usable &= np.isfinite(measured).any(axis=2)
+    own = np.nonzero(usable)[0]
     came = np.isfinite(measured[usable])
     predicted = A @ covariance[usable] @ A.T + Q
-    S = C @ predicted @ C.T + R
+    S = C[own] @ predicted @ C[own].transpose(0, 2, 1) + R[own]
     both = came[:, :, None] & came[:, None, :]
-    S = np.where(both, S, np.eye(len(C)))  # a component that did not come stands apart from the others
-    innovation = np.where(came, measured[usable] - state[usable] @ (C @ A).T, 0.0)
+    S = np.where(both, S, np.eye(C.shape[1]))  # a component that did not come stands apart from the others
+    expected = np.einsum("umn,un->um", (C @ A)[own], state[usable])
+    innovation = np.where(came, measured[usable] - expected, 0.0)
     factor = _factors(S)
     solved = np.linalg.solve(factor, innovation[:, :, None])[:, :, 0]
     white[usable] = np.where(came, solved, np.nan)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -24,8 +24,8 @@ class Measurements:
 
     ``estimator`` and ``sensor`` are indices in the plan. A packet is ``genuine`` when it holds exactly what
     its sensor sent in the step of its delivery, ``late`` when it holds what its sensor sent before; otherwise
-    somebody made or changed it. ``values`` are the payloads. ``sent`` (S, K) tells in which steps each
-    sensor sent a packet.
+    somebody made or changed it. ``values`` holds the payloads end to end, ``size`` the length of each.
+    ``sent`` (S, K) tells in which steps each sensor sent a packet.
     """
 
     estimator: NDArray[np.int64]
@@ -33,7 +33,8 @@ class Measurements:
     step: NDArray[np.int64]
     genuine: NDArray[np.bool_]
     late: NDArray[np.bool_]
-    values: Sequence[list[float]]
+    values: NDArray[np.float64]
+    size: NDArray[np.int64]
     sent: NDArray[np.bool_]
 
 
@@ -62,31 +63,37 @@ class MeasurementRows:
 
     def finish(self) -> Measurements:
         """Return all that was taken."""
+        originals, sent = self._originals()
+        rows, flat = array("q"), array("d")
+        numbers, steps = self._sensors, self._steps
+        for estimator, message, links in self._came:
+            step, payloads = message.step, _payloads(message.values, message.offset)
+            packets = zip(message.source, message.sequence, message.kind, payloads, links, strict=True)
+            for source, sequence, kind, payload, link in packets:
+                sensor = numbers.get(source, -1)
+                if sensor < 0 or kind != keys.MEASUREMENT or link < -1:
+                    continue
+                sent_step, original = originals.get((sensor, sequence), (steps, None))
+                late = step - sent_step if original == payload and sent_step <= step else _CHANGED
+                rows.extend((estimator, sensor, step, late, len(payload)))
+                flat.extend(payload)
+        estimators, sensors, delivered, by, size = np.array(rows, dtype=np.int64).reshape(-1, 5).T
+        values = np.array(flat, dtype=np.float64)
+        return Measurements(estimators, sensors, delivered, by == 0, by > 0, values, size, sent)
+
+    def _originals(self) -> tuple[dict[tuple[int, int], tuple[int, list[float]]], NDArray[np.bool_]]:
+        """Return step and payload of each packet that was sent, by sensor and number; and when they sent."""
         originals: dict[tuple[int, int], tuple[int, list[float]]] = {}
         sent = np.zeros((len(self._sensors), self._steps), dtype=bool)
         for sensor, step, sequences, offset, values in self._sent:
             for sequence, payload in zip(sequences, _payloads(values, offset), strict=True):
                 originals[sensor, sequence] = (step, payload)
-                sent[sensor, step % self._steps] |= 0 <= step < self._steps
-        rows, payloads = array("q"), []
-        for estimator, message, links in self._came:
-            step = message.step
-            for sensor, sequence, payload in self._packets(message, links):
-                sent_step, original = originals.get((sensor, sequence), (step, None))
-                is_original = original == payload and sent_step <= step
-                rows.extend((estimator, sensor, step, step - sent_step if is_original else _CHANGED))
-                payloads.append(payload)
-        estimators, sensors, steps, late = np.array(rows, dtype=np.int64).reshape(-1, 4).T
-        return Measurements(estimators, sensors, steps, late == 0, late > 0, payloads, sent)
-
-    def _packets(self, message: Inbox, links: Sequence[int]) -> Iterator[tuple[int, int, list[float]]]:
-        """Yield sensor, number and payload of the measurements in an inbox that were let in."""
-        payloads = _payloads(message.values, message.offset)
-        packets = zip(message.source, message.sequence, message.kind, payloads, links, strict=True)
-        for source, sequence, kind, payload, link in packets:
-            sensor = self._sensors.get(source)
-            if sensor is not None and kind == keys.MEASUREMENT and link >= -1:
-                yield sensor, sequence, payload
+        if originals:
+            places = [
+                (sensor, step) for (sensor, _), (step, _) in originals.items() if 0 <= step < self._steps
+            ]
+            sent[tuple(np.array(places, dtype=np.int64).reshape(-1, 2).T)] = True
+        return originals, sent
 
 
 def _payloads(values: list[float], offset: list[int]) -> list[list[float]]:

@@ -65,7 +65,10 @@ def test_innovations_from_the_record_are_those_of_the_filter_and_white() -> None
         arrived, measured = run(rng, 60)
         states, covariances = kalman(arrived, measured)
         seen = np.where(arrived, measured, np.nan)
-        white.append(whitened_innovations(A, Q, C, R, states[:-1], covariances[:-1], seen[1:]))
+        (own,) = whitened_innovations(
+            A, Q, C[None], R[None], states[None, :-1], covariances[None, :-1], seen[None, 1:]
+        )
+        white.append(own)
     innovation = np.array(white)
     came = ~np.isnan(innovation)
     assert 0.7 < came[:, :, 0].mean() < 0.9
@@ -79,8 +82,8 @@ def test_one_innovation_is_the_textbooks() -> None:
     state, covariance, y = np.array([1.0, 2.0, 3.0]), np.diag([1.0, 2.0, 0.5]), np.array([0.4, 2.5])
     S = C @ (A @ covariance @ A.T + Q) @ C.T + R
     expected = np.linalg.solve(np.linalg.cholesky(S), y - C @ A @ state)
-    found = whitened_innovations(A, Q, C, R, state[None], covariance[None], y[None])
-    assert found[0] == pytest.approx(expected)
-    alone = whitened_innovations(A, Q, C, R, state[None], covariance[None], np.array([[np.nan, 2.5]]))
-    assert np.isnan(alone[0, 0])
-    assert alone[0, 1] == pytest.approx((2.5 - C[1] @ A @ state) / np.sqrt(S[1, 1]))
+    belief = (A, Q, C[None], R[None], state[None, None], covariance[None, None])
+    assert whitened_innovations(*belief, y[None, None])[0, 0] == pytest.approx(expected)
+    alone = whitened_innovations(*belief, np.array([[[np.nan, 2.5]]]))
+    assert np.isnan(alone[0, 0, 0])
+    assert alone[0, 0, 1] == pytest.approx((2.5 - C[1] @ A @ state) / np.sqrt(S[1, 1]))
