@@ -88,11 +88,9 @@ class MeasurementRows:
         for sensor, step, sequences, offset, values in self._sent:
             for sequence, payload in zip(sequences, _payloads(values, offset), strict=True):
                 originals[sensor, sequence] = (step, payload)
-        if originals:
-            places = [
-                (sensor, step) for (sensor, _), (step, _) in originals.items() if 0 <= step < self._steps
-            ]
-            sent[tuple(np.array(places, dtype=np.int64).reshape(-1, 2).T)] = True
+        senders = np.array([(own[0], own[1]) for own in self._sent if own[2]], dtype=np.int64).reshape(-1, 2)
+        sensors, steps = senders[(senders[:, 1] >= 0) & (senders[:, 1] < self._steps)].T
+        sent[sensors, steps] = True
         return originals, sent
 
 
