@@ -43,6 +43,8 @@ class Difference:
         The smallest p value that samples of these sizes can give: above the level they are too few.
     identical
         Whether no pair differs.
+    counts
+        In how many pairs A is smaller, as large, and larger; None when unpaired.
     """
 
     paired: bool
@@ -53,6 +55,7 @@ class Difference:
     effect: float
     least_p: float
     identical: bool
+    counts: tuple[int, int, int] | None = None
 
 
 _UNKNOWN = Interval(np.nan, np.nan, np.nan)
@@ -74,7 +77,7 @@ def paired_difference(a: Floats, b: Floats, confidence: float = CONFIDENCE) -> D
     identical = not differences.any()
     if not n or identical:
         shift = Interval(0.0, 0.0, 0.0) if n else _UNKNOWN
-        return Difference(True, (n, n), shift, 1.0, PAIRED_EFFECT, 0.0, least, n > 0)
+        return Difference(True, (n, n), shift, 1.0, PAIRED_EFFECT, 0.0, least, n > 0, (0, n, 0))
     p_value = float(wilcoxon(differences, zero_method="pratt").pvalue)
     moved = differences[differences != 0.0]
     ranks = rankdata(np.abs(moved))
@@ -83,7 +86,9 @@ def paired_difference(a: Floats, b: Floats, confidence: float = CONFIDENCE) -> D
     first, second = np.triu_indices(n)
     averages = np.sort(0.5 * (values[first] + values[second]))
     shift = _inverted(averages, _signed_rank_cut(n, (1.0 - confidence) / 2.0), largest)
-    return Difference(True, (n, n), shift, p_value, PAIRED_EFFECT, effect, least, False)
+    less, more = int(np.sum(differences < 0.0)), int(np.sum(differences > 0.0))
+    counts = (less, n - less - more, more)
+    return Difference(True, (n, n), shift, p_value, PAIRED_EFFECT, effect, least, False, counts)
 
 
 def unpaired_difference(a: Floats, b: Floats, confidence: float = CONFIDENCE) -> Difference:

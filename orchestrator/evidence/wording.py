@@ -82,8 +82,18 @@ def _numbers(own: Compared, comparison: Comparison) -> str:
     return (
         f"median difference {figure(shift.value)}{unit} ({comparison.confidence:.0%} interval "
         f"{figure(shift.low)} to {figure(shift.high)}{relative}), p {_p(own.p_adjusted)}, "
-        f"{own.difference.effect_name} {own.difference.effect:+.2f}, {_trials(own.difference)}"
+        f"{own.difference.effect_name} {own.difference.effect:+.2f}, {_outcomes(own)}"
     )
+
+
+def _outcomes(own: Compared) -> str:
+    """Return how the trials fell."""
+    counts = own.difference.counts
+    if counts is None or not own.difference.sizes[0]:
+        return _trials(own.difference)
+    less, same, more = counts
+    ties = f", as large in {same}" if same else ""
+    return f"{own.first} lower in {less}{ties} and higher in {more} of {_trials(own.difference)}"
 
 
 def _p(p_value: float) -> str:
@@ -161,6 +171,7 @@ def _compared(own: Compared) -> dict[str, Any]:
         "p_adjusted": own.p_adjusted,
         "effect_name": difference.effect_name,
         "effect": difference.effect,
+        "lower_equal_higher": None if difference.counts is None else list(difference.counts),
         "trials_needed": own.trials_needed,
     }
 
