@@ -7,15 +7,18 @@ network, which bounds each of them. It is refused from the first step on in whic
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from bus.kinds import load_class
 from bus.plan import Plan, StagePlan
 from orchestrator.evidence.bound import information, posterior_bound
-from orchestrator.evidence.models import LinearModel, UnsuitedError, linear_model, registered_name
+from orchestrator.evidence.models import UnsuitedError, linear_model, registered_name
+from orchestrator.evidence.nonlinear_bound import nonlinear_posterior_bound
+from orchestrator.evidence.nonlinear_model import nonlinear_expectations
 from orchestrator.evidence.observed import innovations_of
 from orchestrator.registry import BUILT_IN
 from orchestrator.score.accuracy import find_networks
@@ -49,13 +52,20 @@ def derive(plan: Plan, evidence: Evidence) -> Derived:
     """Return what the record and the models of a run give."""
     try:
         model = linear_model(plan)
+    except UnsuitedError:
+        return Derived(_nonlinear_bounds(plan, evidence), [np.zeros((0, 0))] * len(plan.estimators))
+    told = np.array([information(C, R) for C, R in zip(model.C, model.R, strict=True)])
+    bound = partial(posterior_bound, model.A, model.Q, model.initial_covariance, told)
+    return Derived(_bounds(plan, bound, evidence), innovations_of(plan, model, evidence))
+
+
+def _nonlinear_bounds(plan: Plan, evidence: Evidence) -> list[Bounded]:
+    try:
+        expected = nonlinear_expectations(plan)
     except UnsuitedError as error:
         nothing = np.full((plan.steps, evidence.gathered.estimates.state.shape[2]), np.nan)
-        return Derived(
-            [Bounded(nothing, "", str(error))] * len(plan.estimators),
-            [np.zeros((0, 0))] * len(plan.estimators),
-        )
-    return Derived(_bounds(plan, model, evidence), innovations_of(plan, model, evidence))
+        return [Bounded(nothing, "", str(error))] * len(plan.estimators)
+    return _bounds(plan, partial(nonlinear_posterior_bound, expected), evidence)
 
 
 def _observers(plan: Plan) -> list[list[int]]:
@@ -69,7 +79,8 @@ def _observers(plan: Plan) -> list[list[int]]:
     return observers
 
 
-def _bounds(plan: Plan, model: LinearModel, evidence: Evidence) -> list[Bounded]:
+def _bounds(plan: Plan, bound: Callable[[Bools], Floats], evidence: Evidence) -> list[Bounded]:
+    """Return the bounds, given how they follow from which packets arrived (U, K, S)."""
     observers = _observers(plan)
     packets = evidence.gathered.measurements
     arrived = np.zeros((len(observers), plan.steps, len(plan.sensors)), dtype=bool)
@@ -80,11 +91,10 @@ def _bounds(plan: Plan, model: LinearModel, evidence: Evidence) -> list[Bounded]
     arrived[number[packets.estimator[genuine]], packets.step[genuine], packets.sensor[genuine]] = True
     faults = [min(_faults(plan, evidence, members), default=(plan.steps, "")) for members in observers]
     last = max(first for first, _ in faults)
-    told = np.array([information(C, R) for C, R in zip(model.C, model.R, strict=True)])
-    covariance = posterior_bound(model.A, model.Q, model.initial_covariance, told, arrived[:, :last])
+    covariance = bound(arrived[:, :last])
     found: list[Bounded | None] = [None] * len(plan.estimators)
     for i, (members, (first, reason)) in enumerate(zip(observers, faults, strict=True)):
-        variance = np.full((plan.steps, len(model.A)), np.nan)
+        variance = np.full((plan.steps, covariance.shape[2]), np.nan)
         variance[:first] = np.diagonal(covariance[i, :first], axis1=1, axis2=2)
         if 0 < first < plan.steps:
             reason = f"from step {first} on: {reason}"

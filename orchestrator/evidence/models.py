@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import pickle
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,9 @@ class UnsuitedError(Exception):
 
 
 _MOST_KEPT = 8
+_kept: dict[bytes, Any] = {}
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -41,35 +44,42 @@ def linear_model(plan: Plan) -> LinearModel:
     """Return the model of a run; raises `UnsuitedError` unless plant and sensors are linear and Gaussian.
 
     Nothing of a user's own code is loaded: a kind that is not registered here is not known to be Gaussian.
-    The last models are kept, since the trials of a campaign share theirs.
     """
-    parts = [plan.period_s, plan.plant.kind, *((own.name, own.kind) for own in plan.sensors)]
-    key = pickle.dumps(parts)
+    return kept("linear", plan, lambda: _linear_model(plan))
+
+
+def kept(what: str, plan: Plan, make: Callable[[], T]) -> T:
+    """Return what ``make`` makes of a run's models, or raise its `UnsuitedError` again.
+
+    The last ones are kept, since the trials of a campaign share their models.
+    """
+    models = [plan.period_s, plan.plant.kind, *((own.name, own.kind) for own in plan.sensors)]
+    key = pickle.dumps((what, models))
     if key not in _kept:
         while len(_kept) >= _MOST_KEPT:
             _kept.pop(next(iter(_kept)))
         try:
-            _kept[key] = _linear_model(plan)
+            _kept[key] = make()
         except UnsuitedError as error:
             _kept[key] = error
     found = _kept[key]
     if isinstance(found, UnsuitedError):
         raise UnsuitedError(str(found))
-    return found
+    return found  # type: ignore[no-any-return]
 
 
 def _linear_model(plan: Plan) -> LinearModel:
     from nodes.plants.linear import Linear as LinearPlant
     from nodes.sensors.linear import Linear as LinearSensor
 
-    plant = _built("plants", plan.plant.kind, plan.period_s)
+    plant = built("plants", plan.plant.kind, plan.period_s)
     if not isinstance(plant, LinearPlant):
-        raise UnsuitedError(f"the plant {_name(plan.plant.kind)} is not linear and Gaussian")
+        raise UnsuitedError(f"the plant {kind_name(plan.plant.kind)} is not linear and Gaussian")
     sensors = []
     for own in plan.sensors:
-        sensor = _built("sensors", own.kind, plant)
+        sensor = built("sensors", own.kind, plant)
         if not isinstance(sensor, LinearSensor) or getattr(sensor, "sends_innovations", False):
-            raise UnsuitedError(f"the sensor {own.name} ({_name(own.kind)}) is not linear and Gaussian")
+            raise UnsuitedError(f"the sensor {own.name} ({kind_name(own.kind)}) is not linear and Gaussian")
         if np.linalg.eigvalsh(sensor.R)[0] <= 0.0:
             raise UnsuitedError(f"the sensor {own.name} has no noise in some direction")
         sensors.append(sensor)
@@ -82,9 +92,6 @@ def _linear_model(plan: Plan) -> LinearModel:
     )
 
 
-_kept: dict[bytes, LinearModel | UnsuitedError] = {}
-
-
 def registered_name(role: Role, kind: Kind) -> str | None:
     """Return by which name a kind is built in, None for any other."""
     if kind.reference in BUILT_IN[role]:
@@ -92,15 +99,16 @@ def registered_name(role: Role, kind: Kind) -> str | None:
     return next((name for name, found in BUILT_IN[role].items() if found == kind.reference), None)
 
 
-def _name(kind: Kind) -> str:
+def kind_name(kind: Kind) -> str:
+    """Return the name that people know a kind by."""
     return kind.reference.rpartition(":")[2]
 
 
-def _built(role: Role, kind: Kind, first: Any) -> Any:
+def built(role: Role, kind: Kind, first: Any) -> Any:
     """Return an object of a built-in kind; ``first`` is what its role fills in."""
     name = registered_name(role, kind)
     if name is None:
-        raise UnsuitedError(f"the kind {_name(kind)} is a user's own, of which nothing is known here")
+        raise UnsuitedError(f"the kind {kind_name(kind)} is a user's own, of which nothing is known here")
     return _class(role, name)(first, **_typed(role, name, kind.parameters))
 
 
