@@ -20,6 +20,7 @@ from orchestrator.command_line.output import (
     verdict_console,
 )
 from orchestrator.command_line.replay import replay
+from orchestrator.command_line.reproduce import reproduce
 from orchestrator.command_line.sweep import sweep
 from orchestrator.errors import InputError
 from orchestrator.interrupts import Interrupted, raising_interrupts
@@ -49,6 +50,7 @@ app.add_typer(log_commands.app, name="log")
 app.command()(fit)
 app.command()(sweep)
 app.command()(replay)
+app.command()(reproduce)
 
 TopologyFile = Annotated[
     Path, typer.Argument(metavar="FILE", help="A topology file (YAML).", show_default=False)
