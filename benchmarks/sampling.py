@@ -18,16 +18,15 @@ _EVERY_S = 0.001
 
 
 @contextmanager
-def sampled(by_function: bool = False) -> Iterator[Counter[str]]:
-    """Count samples of processor time by folder of the project, or by function, while the context is open."""
+def sampled() -> Iterator[Counter[str]]:
+    """Count samples of processor time by folder of the project while the context is open."""
     counts: Counter[str] = Counter()
 
     def sample(number: int, frame: FrameType | None) -> None:
         while frame is not None:
             file = frame.f_code.co_filename
             if file.startswith(_ROOT):
-                place = file.removeprefix(_ROOT)
-                counts[f"{place}:{frame.f_code.co_name}" if by_function else place.partition("/")[0]] += 1
+                counts[file.removeprefix(_ROOT).partition("/")[0]] += 1
                 return
             frame = frame.f_back
         counts["other"] += 1

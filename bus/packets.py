@@ -34,9 +34,27 @@ class Packet(msgspec.Struct, frozen=True):
     check: int = UNSEALED
 
 
+class Delivery(msgspec.Struct, frozen=True):
+    """What an `Inbox` tells, as the packets themselves: for receivers in the same process, and no record.
+
+    ``source`` names the source of each packet.
+    """
+
+    step: int
+    round: int
+    packets: list[Packet]
+    source: list[str]
+
+
+def delivery(step: int, round_: int, packets: list[Packet]) -> Delivery:
+    """Return the packets of an inbox as they are."""
+    return Delivery(step, round_, packets, [packet.source for packet in packets])
+
+
 def _payloads(values: list[float], offset: list[int]) -> list[Vector]:
     """Return the payload of each packet; raises ValueError when the offsets do not partition the values."""
     whole = np.array(values)
+    whole.flags.writeable = False
     if offset == _ONE_PACKET:
         return [whole]
     ends = [*offset, len(values)]
@@ -46,7 +64,10 @@ def _payloads(values: list[float], offset: list[int]) -> list[Vector]:
 
 
 def packets_of_transmission(message: Transmission, source: str, kind: str) -> list[Packet]:
-    """Return the packets of a sender's slot; raises ValueError when its lists do not fit one another."""
+    """Return the packets of a sender's slot, their values for reading only.
+
+    Raises ValueError when its lists do not fit one another.
+    """
     sequences, checks = message.sequence, message.check
     if len(sequences) != len(message.offset) or (checks and len(checks) != len(sequences)):
         raise ValueError(
@@ -55,7 +76,9 @@ def packets_of_transmission(message: Transmission, source: str, kind: str) -> li
     if not sequences:
         return []
     if message.offset == _ONE_PACKET:
-        return [Packet(source, message.step, sequences[0], kind, np.array(message.values), *checks)]
+        whole = np.array(message.values)
+        whole.flags.writeable = False
+        return [Packet(source, message.step, sequences[0], kind, whole, *checks)]
     payloads = _payloads(message.values, message.offset)
     seals = checks or [UNSEALED] * len(sequences)
     return [
@@ -64,8 +87,13 @@ def packets_of_transmission(message: Transmission, source: str, kind: str) -> li
     ]
 
 
-def packets_of_inbox(message: Inbox) -> list[Packet]:
-    """Return the packets of an inbox in order; raises ValueError when its lists do not fit one another."""
+def packets_of_inbox(message: Inbox | Delivery) -> list[Packet]:
+    """Return the packets of an inbox in order, their values for reading only.
+
+    Raises ValueError when its lists do not fit one another.
+    """
+    if isinstance(message, Delivery):
+        return message.packets
     source, sent_step, sequence, kind = message.source, message.sent_step, message.sequence, message.kind
     offset, check = message.offset, message.check
     size = len(offset)

@@ -17,7 +17,11 @@ Program = Generator[str, Any, None]
 
 
 class Port(Protocol):
-    """Where a program sends to."""
+    """Where a program sends to.
+
+    One that keeps to this process may have ``carry(topic, delivery)``, too: it takes an inbox in the form of
+    a `bus.packets.Delivery`.
+    """
 
     def send(self, topic: str, message: Message) -> None:
         """Send a message on a topic."""

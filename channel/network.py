@@ -184,6 +184,7 @@ class PhaseNetwork:
         """Account for what the stages of a link made of a slot; return its packets in a drawn order."""
         refused = 0
         for packet in arrived:
+            packet.values.flags.writeable = False  # a receiver in this process may get it as it is
             if packet.source != link.source:
                 inbox.has_impostors = True
                 refused += not self._gates[link.destination].admits(packet)

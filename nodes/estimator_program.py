@@ -11,7 +11,7 @@ import numpy as np
 from bus import keys
 from bus.integrity import Gate
 from bus.messages import Estimate, Inbox
-from bus.packets import Packet, packets_of_inbox, transmission
+from bus.packets import Delivery, Packet, packets_of_inbox, transmission
 from bus.plan import EstimatorPlan, Plan
 from bus.program import Port, Program, every_step
 from nodes.contract import Belief, Estimator
@@ -133,7 +133,7 @@ def estimator_program(
     tell = watch(port, plan, own.name)
     refused = 0
 
-    def admitted(inbox: Inbox, gate: Gate) -> Sequence[Packet]:
+    def admitted(inbox: Inbox | Delivery, gate: Gate) -> Sequence[Packet]:
         nonlocal refused
         packets = packets_of_inbox(inbox)
         if gate.is_open_to(inbox.source):

@@ -13,7 +13,7 @@ import numpy as np
 from bus.messages import Message, Truth
 from bus.plan import Plan
 from bus.program import NodeError
-from orchestrator.backends.inprocess import run_unlimited
+from orchestrator.backends.inprocess import run_carried
 from orchestrator.evidence.rows import Row, failed_row, gathered_rows
 from orchestrator.score.gather import Gatherer, ScoreError
 from orchestrator.topology.resolved import Topology
@@ -54,7 +54,7 @@ def run_trial(plan: Plan, logged: Topology, trial: int) -> tuple[list[Row], Tria
     gatherer = Gatherer(here.plan)
     stamps: list[float] = []
     try:
-        run_unlimited(own, _noting_steps(gatherer, stamps), _WINDOW)
+        run_carried(own, _noting_steps(gatherer, stamps), gatherer.take_delivery, _WINDOW)
         rows = gathered_rows(here, gatherer.finish())
     except Exception as error:
         print(f"{own.name}, trial {trial}:", file=sys.stderr)

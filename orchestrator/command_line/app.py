@@ -21,6 +21,7 @@ from orchestrator.command_line.output import (
     verdict_console,
 )
 from orchestrator.command_line.replay import replay
+from orchestrator.command_line.reproduce import reproduce
 from orchestrator.command_line.sweep import sweep
 from orchestrator.errors import InputError
 from orchestrator.interrupts import Interrupted, raising_interrupts
@@ -51,6 +52,7 @@ app.command()(fit)
 app.command()(sweep)
 app.command()(compare)
 app.command()(replay)
+app.command()(reproduce)
 
 TopologyFile = Annotated[
     Path, typer.Argument(metavar="FILE", help="A topology file (YAML).", show_default=False)

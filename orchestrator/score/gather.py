@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import sys
 from array import array
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -11,31 +9,46 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bus import keys
 from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
-from bus.packets import packets_of_inbox
+from bus.packets import Delivery, packets_of_inbox
 from bus.plan import Plan
-from orchestrator.errors import InputError
+from orchestrator.score.columns import (
+    COUNTS,
+    MOST_LOOSE,
+    Bools,
+    Floats,
+    Ints,
+    Ledger,
+    Packets,
+    Payloads,
+    Rows,
+    ScoreError,
+    integers,
+)
 from orchestrator.score.measurements import MeasurementRows, Measurements
+
+__all__ = [
+    "COUNTS",
+    "Bools",
+    "Estimates",
+    "Floats",
+    "Gathered",
+    "Gatherer",
+    "Ints",
+    "Packets",
+    "ScoreError",
+    "gather",
+]
 
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
 
 _AFTER_ESTIMATE = len(keys.estimate(""))
-_MOST_LOOSE = 20_000
 _REFUSED = -2
 """In the place of a link: the packet was not let in."""
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-
-class ScoreError(InputError):
-    """The record does not fit its plan; the message says where."""
 
 
 @dataclass(frozen=True)
@@ -54,24 +67,6 @@ class Estimates:
     covariance: Floats
     nis: Floats
     nis_dof: Ints
-
-
-@dataclass(frozen=True)
-class Packets:
-    """Rows that concern one packet each: ``link`` (its index in the plan, -1: none), ``step``, ``sequence``.
-
-    ``mark`` is True for a verdict that raised the alarm and for an event that attacked (False: lost);
-    ``stage`` is the index of the stage that acted (-1: not one of the plan). ``value`` is the Euclidean norm
-    of the payload of an injection and of a delivery that may be one, and the test statistic of a verdict
-    (NaN: not told).
-    """
-
-    link: Ints
-    step: Ints
-    sequence: Ints
-    mark: Bools
-    stage: Ints
-    value: Floats
 
 
 @dataclass(frozen=True)
@@ -94,114 +89,11 @@ class Gathered:
     measurements: Measurements
 
 
-COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
-"""What is counted by link: sums over the run, and of ``in_flight`` what was left at its end."""
-
-
 class _Index(dict[str, int]):
     """Indices by name; -1 for an unknown name."""
 
     def __missing__(self, name: str) -> int:
         return -1
-
-
-class _Rows:
-    """Columns of `Packets` in the making."""
-
-    def __init__(self) -> None:
-        self.link, self.step, self.sequence, self.mark, self.stage = (array("q") for _ in range(5))
-        self.value = array("d")
-
-    def packets(self) -> Packets:
-        """Return the rows as arrays; columns that were never filled are False or -1."""
-        link, step, sequence = (_integers(column) for column in (self.link, self.step, self.sequence))
-        mark = _integers(self.mark).astype(bool) if self.mark else np.zeros(link.size, dtype=bool)
-        stage = _integers(self.stage) if self.stage else np.full(link.size, -1)
-        value = np.array(self.value) if self.value else np.full(link.size, np.nan)
-        return Packets(link, step, sequence, mark, stage, value)
-
-
-def _integers(column: array[int]) -> Ints:
-    return np.array(column, dtype=np.int64)
-
-
-class _Payloads:
-    """The payloads of all inboxes, end to end: their norms are wanted only where a packet was injected."""
-
-    def __init__(self) -> None:
-        self.inboxes = array("q")  # three numbers each: step, packets, values
-        self.offset, self.values = array("q"), array("d")
-        self._loose: list[list[float]] = []
-
-    def take(self, message: Inbox) -> None:
-        """Take an inbox that is not empty."""
-        offset, values = message.offset, message.values
-        self.inboxes.extend((message.step, len(offset), len(values)))
-        self.offset.extend(offset)
-        self._loose.append(values)
-        if len(self._loose) >= _MOST_LOOSE:
-            self._pack()
-
-    def _pack(self) -> None:
-        """Pack values, which takes time that most runs need not spend, into less memory."""
-        self.values.extend(chain.from_iterable(self._loose))
-        self._loose.clear()
-
-    def steps(self) -> Ints:
-        """Return the step of every packet."""
-        step, packets, _ = _integers(self.inboxes).reshape(-1, 3).T
-        return np.repeat(step, packets)
-
-    def norms(self, wanted: Bools) -> Floats:
-        """Return the Euclidean norm of each packet's payload that is wanted; NaN of the others."""
-        _, packets, size = _integers(self.inboxes).reshape(-1, 3).T
-        begin = np.repeat(np.cumsum(size) - size, packets) + _integers(self.offset)
-        last = np.cumsum(packets) - 1
-        end = np.append(begin[1:], 0)
-        end[last] = np.cumsum(size)
-        norms = np.full(begin.size, np.nan)
-        if not wanted.any():
-            return norms
-        self._pack()
-        values, largest = self.values, sys.float_info.max
-        for i in np.flatnonzero(wanted).tolist():
-            norms[i] = min(math.hypot(*values[begin[i] : end[i]]), largest)
-        return norms
-
-
-class _Ledger:
-    """The counts of one phase and round, step by step, of the links that its events name."""
-
-    __slots__ = ("counted", "link", "step", "topic")
-
-    def __init__(self, topic: str, link: Sequence[str]) -> None:
-        self.topic = topic
-        self.link = link
-        self.step = array("q")
-        self.counted: dict[str, array[int]] = {name: array("q") for name in COUNTS[:-1]}
-
-    def take(self, message: ChannelEvents) -> None:
-        """Take the counts of one step; those that a message leaves out are zero on every link."""
-        self.step.append(message.step)
-        counted = self.counted
-        counted["sent"].extend(message.sent)
-        counted["lost"].extend(message.lost)
-        counted["attacked"].extend(message.attacked)
-        counted["delivered"].extend(message.delivered)
-        if message.injected:
-            counted["injected"].extend(message.injected)
-        if message.duplicated:
-            counted["duplicated"].extend(message.duplicated)
-        if message.refused:
-            counted["refused"].extend(message.refused)
-
-    def table(self, name: str) -> Ints:
-        """Return a count by step and link; the steps of one that is often left out are not told."""
-        column = _integers(self.counted[name])
-        width = len(self.link)
-        if column.size % width if width else column.size:
-            raise ScoreError(f"the channel's counts in {self.topic} do not fit its links")
-        return column.reshape(column.size // max(width, 1), width)
 
 
 class Gatherer:
@@ -213,20 +105,21 @@ class Gatherer:
         self.links = _Index({link.name: i for i, link in enumerate(plan.links)})
         self.stages = _Index({stage.label: i for i, stage in enumerate(plan.stages)})
         self.known: dict[tuple[str, ...], array[int]] = {}
-        self.payloads = _Payloads()
+        self.payloads = Payloads()
         self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
         self.truth: dict[int, list[float]] = {}
-        self.estimates = array("q")  # seven numbers an estimate, see `_take_estimate`
+        self.loose: list[tuple[str, Estimate]] = []
+        self.estimates = tuple(array("q") for _ in range(7))  # see `_pack_estimates`
         self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
         senders: dict[tuple[str, str], list[str]] = {}
         for link in plan.links:
             senders.setdefault((link.destination, keys.phase_of(link.stream)), []).append(link.source)
         self.gates = {place: Gate(plan, sources) for place, sources in senders.items()}
-        self.deliveries, self.verdicts, self.events, self.injections = (_Rows() for _ in range(4))
-        self.ledgers: dict[tuple[str, int], _Ledger] = {}
-        self.all_ledgers: list[_Ledger] = []
+        self.deliveries, self.verdicts, self.events, self.injections = (Rows() for _ in range(4))
+        self.ledgers: dict[tuple[str, int], Ledger] = {}
+        self.all_ledgers: list[Ledger] = []
         self.measurements = MeasurementRows(plan)
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.takers: dict[type[Message], Callable[[str, Any], None]] = {
@@ -247,44 +140,62 @@ class Gatherer:
         self.truth[message.step] = message.state
 
     def _take_estimate(self, topic: str, message: Estimate) -> None:
-        name, step = topic[_AFTER_ESTIMATE:], message.step
-        state, covariance = message.state, message.covariance
-        self.estimates.extend(
-            (
-                self.estimators[name],
-                step,
-                message.refers_to,
-                message.diverged,
-                message.nis_dof,
-                len(state),
-                len(covariance),
-            )
+        self.loose.append((topic[_AFTER_ESTIMATE:], message))
+        if len(self.loose) >= MOST_LOOSE:
+            self._pack_estimates()
+
+    def _pack_estimates(self) -> None:
+        """Pack the estimates' numbers; of many at once, for that takes a third of the time."""
+        messages = [message for _, message in self.loose]
+        nodes = [self.estimators[name] for name, _ in self.loose]
+        columns: tuple[list[int], ...] = (
+            nodes,
+            [message.step for message in messages],
+            [message.refers_to for message in messages],
+            [message.diverged for message in messages],
+            [message.nis_dof for message in messages],
+            [len(message.state) for message in messages],
+            [len(message.covariance) for message in messages],
         )
-        self.nis.append(message.nis)
-        self.state.extend(state)
-        self.covariance.extend(covariance)
-        if message.detector_source:
-            incoming, rows = self.incoming[name], self.verdicts
-            rows.link.extend(map(incoming.__getitem__, message.detector_source))
-            rows.step.extend([step] * len(message.detector_source))
-            rows.sequence.extend(message.detector_sequence)
-            rows.mark.extend(message.detector_alarm)
-            rows.value.extend(message.detector_statistic)
+        for column, values in zip(self.estimates, columns, strict=True):
+            column.extend(values)
+        self.nis.extend([message.nis for message in messages])
+        self.state.extend(chain.from_iterable([message.state for message in messages]))
+        self.covariance.extend(chain.from_iterable([message.covariance for message in messages]))
+        judging = [(self.incoming[name], own) for name, own in self.loose if own.detector_source]
+        rows = self.verdicts
+        rows.link.extend([links[source] for links, own in judging for source in own.detector_source])
+        rows.step.extend([own.step for _, own in judging for _ in own.detector_source])
+        rows.sequence.extend([number for _, own in judging for number in own.detector_sequence])
+        rows.mark.extend([alarm for _, own in judging for alarm in own.detector_alarm])
+        rows.value.extend([value for _, own in judging for value in own.detector_statistic])
+        self.loose.clear()
 
     def _take_inbox(self, topic: str, message: Inbox) -> None:
-        if not message.source:
-            return
+        if message.source:
+            links = self._links_of(topic, message)
+            self.deliveries.link.extend(links)
+            self.deliveries.sequence.extend(message.sequence)
+            self.payloads.take(message)
+            self.measurements.take_inbox(topic, message, links)
+
+    def take_delivery(self, topic: str, delivered: Delivery) -> None:
+        """Take an inbox in the form of its packets."""
+        packets = delivered.packets
+        if packets:
+            links = self._links_of(topic, delivered)
+            self.deliveries.link.extend(links)
+            self.deliveries.sequence.extend([packet.sequence for packet in packets])
+            self.payloads.take(delivered)
+            self.measurements.take_inbox(topic, delivered, links)
+
+    def _links_of(self, topic: str, message: Inbox | Delivery) -> array[int]:
+        """Return the link of each packet of an inbox, `_REFUSED` for those that are not let in."""
         place = (topic, *message.source)
         links = self.known.get(place)
         if links is None:
             links = self.known[place] = self._links_into(topic, message.source)
-        if not links:
-            links = self._let_in(topic, message)
-        rows = self.deliveries
-        rows.link.extend(links)
-        rows.sequence.extend(message.sequence)
-        self.payloads.take(message)
-        self.measurements.take_inbox(topic, message, links)
+        return links or self._let_in(topic, message)
 
     def _links_into(self, topic: str, sources: Sequence[str]) -> array[int]:
         """Return the links from some sources into an inbox; none when each packet must be looked at."""
@@ -293,7 +204,7 @@ class Gatherer:
             return array("q")
         return array("q", map(incoming.__getitem__, sources))
 
-    def _let_in(self, topic: str, message: Inbox) -> array[int]:
+    def _let_in(self, topic: str, message: Inbox | Delivery) -> array[int]:
         """Return the links of an inbox's packets, `_REFUSED` for those that the receiver does not let in."""
         node, phase = topic.split("/")[1:3]
         gate, incoming = self.gates.get((node, phase)), self.incoming[node]
@@ -309,7 +220,7 @@ class Gatherer:
         place = topic, message.round
         ledger = self.ledgers.get(place)
         if ledger is None or ledger.link != message.link:
-            ledger = self.ledgers[place] = _Ledger(topic, message.link)
+            ledger = self.ledgers[place] = Ledger(topic, message.link)
             self.all_ledgers.append(ledger)
         ledger.take(message)
         last = self.last_events.get(place)
@@ -339,9 +250,10 @@ class Gatherer:
     def finish(self) -> Gathered:
         """Return all that was taken."""
         truth, deliveries = self._truth(), self._delivered()
+        estimates = self._estimates(truth)  # with which the verdicts are unpacked
         return Gathered(
             truth_present=np.asarray(np.isfinite(truth).all(axis=1)),
-            estimates=self._estimates(truth),
+            estimates=estimates,
             deliveries=deliveries,
             verdicts=self.verdicts.packets(),
             events=self.events.packets(),
@@ -379,7 +291,8 @@ class Gatherer:
                 raise ScoreError(f"the estimate of {names[node[at]]} at step {step[at]} {fault}")
 
     def _estimates(self, truth: Floats) -> Estimates:
-        columns = _integers(self.estimates).reshape(-1, 7).T
+        self._pack_estimates()
+        columns = map(integers, self.estimates)
         node, step, refers_to, diverged, dof, size, covariance_size = columns
         (K, n), N = truth.shape, len(self.plan.estimators)
         self._check(node, step, size, covariance_size, n)
@@ -404,7 +317,7 @@ class Gatherer:
     def _delivered(self) -> Packets:
         """Return the deliveries; a norm is told where an injection has the packet's receiver and number."""
         rows = self.deliveries
-        link, sequence = _integers(rows.link), _integers(rows.sequence)
+        link, sequence = integers(rows.link), integers(rows.sequence)
         let_in = link != _REFUSED
         false, mark = {*self.injections.sequence}, np.zeros(link.size, dtype=bool)
         wanted = let_in & np.isin(sequence, list(false)) if false else mark
@@ -423,7 +336,7 @@ class Gatherer:
                 first.setdefault(self.plan.links[self.links[name]].source, column)
             has_sent = ledger.table("sent")[:, list(first.values())] > 0
             rows = np.array([senders[name] for name in first], dtype=np.int64)
-            np.add.at(sent, (rows[None, :], _integers(ledger.step)[:, None]), has_sent)
+            np.add.at(sent, (rows[None, :], integers(ledger.step)[:, None]), has_sent)
         return sent
 
     def _counts(self, deliveries: Packets) -> Ints:
@@ -432,7 +345,7 @@ class Gatherer:
         acts = (self.events.packets(), self.injections.packets(), deliveries)
         if any(name not in self.links for name in names) or any((own.link < 0).any() for own in acts):
             raise ScoreError("the record holds packets of a link that the plan does not have")
-        for step in (*(own.step for own in acts), *(_integers(own.step) for own in self.all_ledgers)):
+        for step in (*(own.step for own in acts), *(integers(own.step) for own in self.all_ledgers)):
             if step.size and not (step.min() >= 0 and step.max() < self.plan.steps):
                 raise ScoreError(f"the record holds packets of a step outside the plan's {self.plan.steps}")
         counts = np.zeros((len(COUNTS), len(self.plan.links)), dtype=np.int64)

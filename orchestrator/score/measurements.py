@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bus import keys
 from bus.messages import Inbox, Transmission
+from bus.packets import Delivery
 from bus.plan import Plan
 
 _ONE_PACKET = [0]
@@ -47,7 +48,7 @@ class MeasurementRows:
         self._receivers = {keys.rx(own.name, keys.CORRECT): i for i, own in enumerate(plan.estimators)}
         self._steps = plan.steps
         self._sent: list[tuple[int, int, list[int], list[int], list[float]]] = []
-        self._came: list[tuple[int, Inbox, Sequence[int]]] = []
+        self._came: list[tuple[int, Inbox | Delivery, Sequence[int]]] = []
 
     def take_sent(self, topic: str, message: Transmission) -> None:
         """Take what a node sent in a step, if it is a sensor's measurement."""
@@ -55,7 +56,7 @@ class MeasurementRows:
         if sensor is not None:
             self._sent.append((sensor, message.step, message.sequence, message.offset, message.values))
 
-    def take_inbox(self, topic: str, message: Inbox, links: Sequence[int]) -> None:
+    def take_inbox(self, topic: str, message: Inbox | Delivery, links: Sequence[int]) -> None:
         """Take what reached a node; ``links`` tells the link of each packet, below -1 for one not let in."""
         estimator = self._receivers.get(topic)
         if estimator is not None:
@@ -67,9 +68,8 @@ class MeasurementRows:
         rows, flat = array("q"), array("d")
         numbers, steps = self._sensors, self._steps
         for estimator, message, links in self._came:
-            step, payloads = message.step, _payloads(message.values, message.offset)
-            packets = zip(message.source, message.sequence, message.kind, payloads, links, strict=True)
-            for source, sequence, kind, payload, link in packets:
+            step = message.step
+            for (source, sequence, kind, payload), link in zip(_packets(message), links, strict=True):
                 sensor = numbers.get(source, -1)
                 if sensor < 0 or kind != keys.MEASUREMENT or link < -1:
                     continue
@@ -92,6 +92,14 @@ class MeasurementRows:
         sensors, steps = senders[(senders[:, 1] >= 0) & (senders[:, 1] < self._steps)].T
         sent[sensors, steps] = True
         return originals, sent
+
+
+def _packets(message: Inbox | Delivery) -> Iterable[tuple[str, int, str, list[float]]]:
+    """Return source, number, kind and payload of each packet."""
+    if isinstance(message, Delivery):
+        return [(own.source, own.sequence, own.kind, own.values.tolist()) for own in message.packets]
+    payloads = _payloads(message.values, message.offset)
+    return zip(message.source, message.sequence, message.kind, payloads, strict=True)
 
 
 def _payloads(values: list[float], offset: list[int]) -> list[list[float]]:
