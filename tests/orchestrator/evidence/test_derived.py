@@ -112,6 +112,29 @@ def test_the_bound_is_refused_from_where_it_would_be_wrong(
     assert row["bound.refused"].startswith(f"from step {first} on: ") == (first > 0)
 
 
+def test_nothing_is_supposed_of_a_users_own_kind(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("from nodes.sensors.linear import Linear\nclass Mine(Linear): ...\n")
+    row = rows(tmp_path, ALONE, f"sensors.s1.model={tmp_path}/mine.py:Mine")["e1"]
+    assert row["bound.refused"] == "the kind Mine is a user's own, of which nothing is known here"
+    assert not row["innovation"].size
+
+
+def test_a_sensor_that_keeps_quiet_tells_something_too(tmp_path: Path) -> None:
+    """A record in which a sensor sent nothing in step 7, as an event trigger would have it."""
+    file = tmp_path / "run.yaml"
+    file.write_text(ALONE)
+    topology = load_topology(file)
+    records: list[Any] = []
+    run_messages(topology.plan, lambda topic, message: records.append((topic, message)))
+    quiet = [
+        (topic, message)
+        for topic, message in records
+        if not (message.step == 7 and topic in ("tx/s2/measurement", "rx/e1/correct"))
+    ]
+    (row,) = trial_rows(topology_from_experiment(topology.experiment_json()), quiet)
+    assert row["bound.refused"] == "from step 7 on: s2 kept quiet, which tells something too"
+
+
 def test_one_falsified_packet_costs_the_whole_network_its_bound(tmp_path: Path) -> None:
     attack = "attacks=[{bias: {value: 1.0}, on: s2->e2, steps: [5, 5]}]"
     found = rows(tmp_path, NETWORK, attack)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,13 @@ from orchestrator.evidence.figures import (
     sent_rate,
 )
 from orchestrator.evidence.price import find_twins, price
+from orchestrator.evidence.rows import failed_row
+from orchestrator.evidence.samples import sample
 from orchestrator.evidence.sources import Source, load_source
+from orchestrator.evidence.table import schema, table
 from orchestrator.evidence.timing import step_time
 from orchestrator.run import RunReport
+from orchestrator.topology.resolved import Topology
 
 TOPOLOGY = """
 name: small
@@ -184,6 +189,17 @@ def test_one_run_goes_through_the_same_figures(run: RunReport) -> None:
     assert np.isnan(band.low).all()  # one trial has no interval
     assert consistency(held).nees.all.judgement == "unknown"
     assert state_groups(held.table) == ["acceleration", "position", "state", "velocity"]
+
+
+def test_trials_that_all_failed_show_nothing_and_break_nothing(small: Topology) -> None:
+    failed = [failed_row(replace(small.plan, trial=trial), "no") for trial in range(3)]
+    held = select(table(failed, schema(small.state_groups)))
+    assert (held.trials, held.failed.tolist()) == (3, [True] * 3)
+    assert np.isnan(rmse(held, "position").value)
+    assert rmse_curve(held, "position").value.size == 0
+    assert consistency(held).nis.all.judgement == "unknown"
+    assert detection(held).delay.windows == 0
+    assert np.isinf(sample(held, "rmse.position").values).all()
 
 
 def test_what_is_not_there_is_named_with_what_is(campaign: Source) -> None:
