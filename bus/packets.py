@@ -21,9 +21,9 @@ _ONE_PACKET = [0]
 class Packet(msgspec.Struct, frozen=True):
     """One packet: who sent it in which step, its number in its stream, and its payload ``values`` (m,).
 
-    ``kind`` is the stream's name and with it the meaning of ``values``. ``check`` is its seal (see
-    `bus.integrity`). A struct, because it costs an eighth of a frozen dataclass, and there are hundreds in a
-    step.
+    ``kind`` is the stream's name and with it the meaning of ``values``, which receivers only read. ``check``
+    is its seal (see `bus.integrity`). A struct, because it costs an eighth of a frozen dataclass, and there
+    are hundreds in a step.
     """
 
     source: str

@@ -79,9 +79,10 @@ def _become(command: list[str], plan: Plan, own: Membership) -> None:
     os.execvpe(command[0], command, {**os.environ, **membership})
 
 
-def redirect_output(log_file: Path) -> None:
+def redirect_output(log_file: Path, *, append: bool = False) -> None:
     """Send standard output and error, where warnings go too, to the process's log file."""
-    descriptor = os.open(log_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    how = os.O_APPEND if append else os.O_TRUNC
+    descriptor = os.open(log_file, os.O_WRONLY | os.O_CREAT | how, 0o644)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
     os.close(descriptor)

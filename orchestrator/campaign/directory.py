@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from orchestrator.backends.contract import RunFailedError
 from orchestrator.errors import InputError
 from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES
 
@@ -49,23 +50,39 @@ def first_free(name: str, seed: int) -> Path:
     raise CampaignError(f"runs holds {_MOST_CAMPAIGNS} campaigns of {name}; remove some or give --out")
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file in one stroke: it is there with all of its content, or as it was before."""
+@contextmanager
+def in_one_stroke(path: Path) -> Iterator[Path]:
+    """Let a file be written beside its place; when that is done it takes the place of what was there.
+
+    Raises `RunFailedError` when it cannot be written.
+    """
     beside = path.with_name(f".{path.name}.part")
-    with beside.open("wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-    beside.replace(path)
+    try:
+        yield beside
+        with beside.open("rb") as stream:
+            os.fsync(stream.fileno())
+        beside.replace(path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise RunFailedError(
+            f"{path} cannot be written: {error.strerror or error}; free some space and give the command "
+            "again, which goes on where it ended"
+        ) from error
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file: it is there with all of its content, or as it was before."""
+    with in_one_stroke(path) as beside:
+        beside.write_bytes(content)
 
 
 class CampaignDirectory:
-    """A directory that holds one campaign, locked while it is open.
+    """A directory that holds one campaign.
 
     Parameters
     ----------
     path
-        Where; it is made when it is not there.
+        Where it is, locked by this process.
     facts
         What the campaign is; all but ``trials`` must be the same when it goes on.
     topologies
@@ -74,7 +91,7 @@ class CampaignDirectory:
     Raises
     ------
     CampaignError
-        The directory holds another campaign or something else, or is in use.
+        The directory holds another campaign or something else.
     """
 
     def __init__(self, path: Path, facts: Mapping[str, Any], topologies: Sequence[str]) -> None:
@@ -82,10 +99,10 @@ class CampaignDirectory:
         held = read_facts(path)
         if held is not None:
             _check_same(path, held, facts)
-        elif path.exists() and (not path.is_dir() or any(_foreign(path))):
+        elif any(_foreign(path)):
             raise CampaignError(f"{path} holds something else; choose an empty directory as --out")
         self.is_resumed = held is not None
-        (path / TOPOLOGIES).mkdir(parents=True, exist_ok=True)
+        (path / TOPOLOGIES).mkdir(exist_ok=True)
         (path / SHARDS).mkdir(exist_ok=True)
         (path / WORKER_LOGS).mkdir(exist_ok=True)
         for number, text in enumerate(topologies):
@@ -136,9 +153,13 @@ def read_facts(directory: Path) -> dict[str, Any] | None:
 
 @contextmanager
 def locked(directory: Path) -> Iterator[None]:
-    """Keep the directory for this process; the lock goes with the process, however it ends."""
-    directory.mkdir(parents=True, exist_ok=True)
-    with (directory / _LOCK).open("w") as lock:
+    """Make the directory and keep it for this process; the lock goes with the process, however it ends."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        held = (directory / _LOCK).open("w")
+    except OSError as error:
+        raise CampaignError(f"{directory} cannot be used: {error.strerror}; choose another --out") from error
+    with held as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

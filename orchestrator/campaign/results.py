@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from orchestrator.campaign.block import TIMING, TIMING_COLUMNS
 from orchestrator.campaign.directory import TIMING as TIMING_FILE
-from orchestrator.campaign.directory import Shard
+from orchestrator.campaign.directory import Shard, in_one_stroke
 from orchestrator.evidence.sources import RESULTS
 
 if TYPE_CHECKING:
@@ -125,14 +124,12 @@ def _timing_of(held: pa.Table, timing: pa.Schema) -> pa.Table:
 def _write(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
     import pyarrow.parquet as pq
 
-    beside = path.with_name(f".{path.name}.part")
-    with ExitStack() as stack:
-        writer = stack.enter_context(
-            pq.ParquetWriter(beside, schema, compression=_COMPRESSION, version="2.6")
-        )
+    with (
+        in_one_stroke(path) as beside,
+        pq.ParquetWriter(beside, schema, compression=_COMPRESSION, version="2.6") as writer,
+    ):
         for group in _grouped(tables):
             writer.write_table(group, row_group_size=group.num_rows)
-    beside.replace(path)
 
 
 def _grouped(tables: Iterable[pa.Table]) -> Iterator[pa.Table]:

@@ -29,7 +29,7 @@ Answer = tuple[Work, bytes]
 
 def worker_main(pipe: Connection, name: str, log_file: Path) -> None:
     """Answer one block after another, until there is none or the parent is gone."""
-    redirect_output(log_file)
+    redirect_output(log_file, append=True)  # to what those said in whose place this one may be
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     leave_with_parent()

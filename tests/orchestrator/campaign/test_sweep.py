@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import time
@@ -174,6 +175,32 @@ def test_a_directory_with_something_else_is_refused(home: Home) -> None:
     (home.folder / "full" / "thesis.tex").write_text("")
     with pytest.raises(CampaignError, match="holds something else"):
         home.sweep("full", 1)
+
+
+def test_a_path_that_is_no_directory_is_refused(home: Home) -> None:
+    (home.folder / "file").write_text("")
+    with pytest.raises(CampaignError, match="file cannot be used"):
+        home.sweep("file", 1)
+
+
+def test_a_full_disk_is_told_and_the_campaign_goes_on_later(home: Home) -> None:
+    arguments = ["sweep", "small.yaml", "--trials", "2", "-j", "1", "--out", "out"]
+    room = 8192
+    done = subprocess.run(
+        [*COMMAND, *arguments],
+        cwd=home.folder,
+        env=environment(),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 3, done.stderr
+    assert "arrows cannot be written" in done.stderr
+    whole, _ = home.sweep("whole", 2)
+    later, _ = home.sweep("out", 2)
+    assert same_bytes(whole, later)
 
 
 def test_all_variants_are_checked_before_any_trial_and_all_errors_told_at_once(home: Home) -> None:

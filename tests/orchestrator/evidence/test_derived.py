@@ -114,7 +114,8 @@ def test_the_bound_is_refused_from_where_it_would_be_wrong(
 
 def test_nothing_is_supposed_of_a_users_own_kind(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("from nodes.sensors.linear import Linear\nclass Mine(Linear): ...\n")
-    row = rows(tmp_path, ALONE, f"sensors.s1.model={tmp_path}/mine.py:Mine")["e1"]
+    mine = f"sensors.s1={{model: '{tmp_path}/mine.py:Mine', C: [[1.0, 0.0, 0.0]], noise: {{std: 0.1}}}}"
+    row = rows(tmp_path, ALONE, mine)["e1"]
     assert row["bound.refused"] == "the kind Mine is a user's own, of which nothing is known here"
     assert not row["innovation"].size
 
