@@ -27,6 +27,9 @@ bench: $(READY)
 	$(BIN)/python -m pip install --quiet -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks
 
+reproduce-%: $(READY)  ## the campaigns of a paper, as topologies/PAPER/reproduce.toml lists them
+	$(BIN)/gauntlet reproduce topologies/$*
+
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Gauntlet needs Python 3.11 or newer, this is " + sys.version.split()[0] if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv $(VENV)

@@ -19,12 +19,12 @@ os.environ.update(
 
 from rich.console import Console
 
-from benchmarks import ding, growth, methods, packets, ring
+from benchmarks import campaigns, ding, growth, methods, packets, ring
 from benchmarks.comparison import Comparison
 from benchmarks.effort import Effort
 from benchmarks.table import machine, markdown, print_table
 
-GROUPS = (("abcd", ding), ("e", ring), ("f", growth), ("g", methods), ("h", packets))
+GROUPS = (("abcd", ding), ("e", ring), ("f", growth), ("g", methods), ("h", packets), ("i", campaigns))
 ROWS = "".join(letters for letters, _ in GROUPS)
 
 _EPILOG = """\
@@ -36,7 +36,8 @@ rows:
   e  a ring with feedback each step, against HELICS and mosaik
   f  growth over 10, 20, 40, 80 nodes
   g  what a node's step costs, in a large network and by method
-  h  packets a second through the channel"""
+  h  packets a second through the channel
+  i  trials of a campaign, and how much of a worker's time is mathematics"""
 
 
 def row(letter: str) -> str:
@@ -54,7 +55,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("rows", nargs="*", type=row, metavar="ROW", help="a to h; default: all")
+    parser.add_argument("rows", nargs="*", type=row, metavar="ROW", help="a to i; default: all")
     parser.add_argument("--repeats", type=int, default=5, metavar="N", help="runs of everything; default: 5")
     parser.add_argument("--quick", action="store_true", help="2 short runs: to see that it works")
     parser.add_argument("--timeout", type=float, default=180.0, metavar="S", help="bound of every run (s)")

@@ -6,10 +6,14 @@ from collections.abc import Callable, Sequence
 
 from bus import keys
 from bus.messages import Credit, Message
+from bus.packets import Delivery
 from bus.program import Program, Scheduler
 
 Sink = Callable[[str, Message], None]
 """Takes every message with its topic, in the order in which they happen to be sent."""
+
+Carrier = Callable[[str, Delivery], None]
+"""Takes every inbox with its topic where inboxes are carried and not made messages of."""
 
 
 class InProcessBus:
@@ -48,3 +52,19 @@ class InProcessBus:
             credited = self._steps_begun
             for name in self._credits_to:
                 self._deliver(keys.credit(name), Credit(steps_recorded=credited))
+
+
+class CarryingBus(InProcessBus):
+    """A port that saves what it costs to make messages of inboxes and inboxes of messages.
+
+    The programs compute the same, and the carrier sees the packets that the sink of `InProcessBus` would see.
+    """
+
+    def __init__(self, sink: Sink, carrier: Carrier, credits_to: Sequence[str]) -> None:
+        super().__init__(sink, credits_to)
+        self._carrier = carrier
+
+    def carry(self, topic: str, delivered: Delivery) -> None:
+        """Show an inbox to the carrier and queue it for its receiver."""
+        self._carrier(topic, delivered)
+        self._deliver(topic, delivered)

@@ -27,9 +27,9 @@ _ONE_PACKET = [0]
 class Packet(msgspec.Struct, frozen=True):
     """One packet: who sent it in which step, its number in its stream, and its payload ``values`` (m,).
 
-    ``kind`` is the stream's name and with it the meaning of ``values``. ``check`` is its seal (see
-    `bus.integrity`). A struct, because it costs an eighth of a frozen dataclass, and there are hundreds in a
-    step.
+    ``kind`` is the stream's name and with it the meaning of ``values``, which receivers only read. ``check``
+    is its seal (see `bus.integrity`). A struct, because it costs an eighth of a frozen dataclass, and there
+    are hundreds in a step.
     """
 
     source: str
@@ -40,9 +40,27 @@ class Packet(msgspec.Struct, frozen=True):
     check: int = UNSEALED
 
 
+class Delivery(msgspec.Struct, frozen=True):
+    """What an `Inbox` tells, as the packets themselves: for receivers in the same process, and no record.
+
+    ``source`` names the source of each packet.
+    """
+
+    step: int
+    round: int
+    packets: list[Packet]
+    source: list[str]
+
+
+def delivery(step: int, round_: int, packets: list[Packet]) -> Delivery:
+    """Return the packets of an inbox as they are."""
+    return Delivery(step, round_, packets, [packet.source for packet in packets])
+
+
 def _payloads(values: list[float], offset: list[int]) -> list[Vector]:
     """Return the payload of each packet; raises ValueError when the offsets do not partition the values."""
     whole = np.array(values)
+    whole.flags.writeable = False
     if offset == _ONE_PACKET:
         return [whole]
     ends = [*offset, len(values)]
@@ -52,7 +70,10 @@ def _payloads(values: list[float], offset: list[int]) -> list[Vector]:
 
 
 def packets_of_transmission(message: Transmission, source: str, kind: str) -> list[Packet]:
-    """Return the packets of a sender's slot; raises ValueError when its lists do not fit one another."""
+    """Return the packets of a sender's slot, their values for reading only.
+
+    Raises ValueError when its lists do not fit one another.
+    """
     sequences, checks = message.sequence, message.check
     if len(sequences) != len(message.offset) or (checks and len(checks) != len(sequences)):
         raise ValueError(
@@ -61,7 +82,9 @@ def packets_of_transmission(message: Transmission, source: str, kind: str) -> li
     if not sequences:
         return []
     if message.offset == _ONE_PACKET:
-        return [Packet(source, message.step, sequences[0], kind, np.array(message.values), *checks)]
+        whole = np.array(message.values)
+        whole.flags.writeable = False
+        return [Packet(source, message.step, sequences[0], kind, whole, *checks)]
     payloads = _payloads(message.values, message.offset)
     seals = checks or [UNSEALED] * len(sequences)
     return [
@@ -70,8 +93,13 @@ def packets_of_transmission(message: Transmission, source: str, kind: str) -> li
     ]
 
 
-def packets_of_inbox(message: Inbox) -> list[Packet]:
-    """Return the packets of an inbox in order; raises ValueError when its lists do not fit one another."""
+def packets_of_inbox(message: Inbox | Delivery) -> list[Packet]:
+    """Return the packets of an inbox in order, their values for reading only.
+
+    Raises ValueError when its lists do not fit one another.
+    """
+    if isinstance(message, Delivery):
+        return message.packets
     source, sent_step, sequence, kind = message.source, message.sent_step, message.sequence, message.kind
     offset, check = message.offset, message.check
     size = len(offset)
@@ -84,6 +112,13 @@ def packets_of_inbox(message: Inbox) -> list[Packet]:
     if check:
         return list(map(Packet, source, sent_step, sequence, kind, payloads, check))
     return list(map(Packet, source, sent_step, sequence, kind, payloads))
+
+
+def holds(message: Inbox | Delivery, kind: str) -> bool:
+    """Return whether an inbox holds a packet of a kind."""
+    if isinstance(message, Delivery):
+        return any(packet.kind == kind for packet in message.packets)
+    return kind in message.kind
 
 
 def transmission(

@@ -17,7 +17,11 @@ Program = Generator[str, Any, None]
 
 
 class Port(Protocol):
-    """Where a program sends to."""
+    """Where a program sends to.
+
+    One that keeps to this process may have ``carry(topic, delivery)``, too: it takes an inbox in the form of
+    a `bus.packets.Delivery`.
+    """
 
     def send(self, topic: str, message: Message) -> None:
         """Send a message on a topic."""
@@ -59,10 +63,11 @@ def run_alone(program: Program, receive: Callable[[str], Any]) -> None:
 class _Task:
     """A program, a queue for each of its topics, and the topic it waits for (None when it does not)."""
 
-    __slots__ = ("program", "queues", "waits_for")
+    __slots__ = ("program", "queues", "send", "waits_for")
 
     def __init__(self, program: Program, topics: Sequence[str]) -> None:
         self.program = program
+        self.send = program.send
         self.queues: dict[str, deque[Any]] = {topic: deque() for topic in topics}
         self.waits_for: str | None = None
 
@@ -71,8 +76,8 @@ class Scheduler:
     """Runs programs side by side in one thread, each as far as its messages allow."""
 
     def __init__(self) -> None:
-        self._readers: dict[str, list[_Task]] = {}
-        self._ready: deque[tuple[_Task, deque[Any]]] = deque()
+        self._readers: dict[str, list[tuple[_Task, deque[Any]]]] = {}
+        self._ready: deque[tuple[_Task, Any]] = deque()
         self._new: list[_Task] = []
         self._unfinished = 0
 
@@ -85,18 +90,18 @@ class Scheduler:
         """Add a program and the topics that it will wait for."""
         task = _Task(program, receives)
         for topic in receives:
-            self._readers.setdefault(topic, []).append(task)
+            self._readers.setdefault(topic, []).append((task, task.queues[topic]))
         self._new.append(task)
         self._unfinished += 1
 
     def deliver(self, topic: str, message: Any) -> None:
-        """Queue a message for every program that receives its topic."""
-        for task in self._readers.get(topic, ()):
-            queue = task.queues[topic]
-            queue.append(message)
+        """Hand a message to every program that waits for it, and queue it for those that will."""
+        for task, queue in self._readers.get(topic, ()):
             if task.waits_for == topic:
                 task.waits_for = None
-                self._ready.append((task, queue))
+                self._ready.append((task, message))
+            else:
+                queue.append(message)
 
     def run(self) -> None:
         """Run until every program waits for a message that is not there, or has ended."""
@@ -108,11 +113,11 @@ class Scheduler:
                 self._unfinished -= 1
         ready = self._ready
         while ready:
-            task, queue = ready.popleft()
+            task, message = ready.popleft()
+            send, queues = task.send, task.queues
             try:
-                while queue:
-                    topic = task.program.send(queue.popleft())
-                    queue = task.queues[topic]
+                while queue := queues[topic := send(message)]:
+                    message = queue.popleft()
                 task.waits_for = topic
             except StopIteration:
                 self._unfinished -= 1
@@ -121,6 +126,6 @@ class Scheduler:
         """Let a task wait for a topic, or make it ready when a message is there already."""
         queue = task.queues[topic]
         if queue:
-            self._ready.append((task, queue))
+            self._ready.append((task, queue.popleft()))
         else:
             task.waits_for = topic

@@ -206,6 +206,7 @@ class PhaseNetwork:
         if refused:
             arrived = genuine
         for packet in arrived:
+            packet.values.flags.writeable = False  # a receiver in this process may get it as it is
             if packet.source != link.source:
                 inbox.has_impostors = True
                 refused += not self._gates[link.destination].admits(packet)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from bus import keys
 from bus.messages import ChannelEvents, Transmission
-from bus.packets import Packet, inbox, packets_of_transmission
+from bus.packets import Packet, delivery, inbox, packets_of_transmission
 from bus.plan import Plan
 from bus.program import Port, Program, every_step
 from channel.network import PhaseNetwork, build_networks
@@ -71,6 +71,7 @@ def _sender_program(
     topic = keys.tx(source, stream)
     phase = keys.phase_of(stream)
     inbox_topics: dict[str, str] = {}
+    carry = getattr(port, "carry", None)
     silent_from = plan.silent_from(source)
 
     def told(step: int) -> Program:
@@ -95,7 +96,10 @@ def _sender_program(
                 inbox_topic = inbox_topics.get(receiver)
                 if inbox_topic is None:
                     inbox_topic = inbox_topics[receiver] = keys.rx(receiver, phase)
-                port.send(inbox_topic, inbox(step, t, round_, arrived))
+                if carry is None:
+                    port.send(inbox_topic, inbox(step, t, round_, arrived))
+                else:
+                    carry(inbox_topic, delivery(step, round_, arrived))
             events = network.take_events(step, round_)
             if events is not None:
                 told_of.take(events)

@@ -218,7 +218,10 @@ class Estimator(Protocol):
     """Exchange rounds in each step; 0 for an estimator that works alone."""
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
-        """Take this step's measurements; return the payload of round 0 (ignored when ``rounds`` is 0)."""
+        """Take this step's measurements; return the payload of round 0 (ignored when ``rounds`` is 0).
+
+        The values of packets are for reading only: others may be given the same arrays.
+        """
         ...
 
     def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:

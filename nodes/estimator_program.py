@@ -11,7 +11,7 @@ import numpy as np
 from bus import keys
 from bus.integrity import Gate
 from bus.messages import Estimate, Inbox
-from bus.packets import ORACLE, Packet, packets_of_inbox, transmission
+from bus.packets import ORACLE, Delivery, Packet, holds, packets_of_inbox, transmission
 from bus.plan import EstimatorPlan, Plan
 from bus.program import Port, Program, every_step
 from nodes.contract import Belief, Estimator, Trigger
@@ -142,10 +142,10 @@ def estimator_program(
     tell = watch(port, plan, own.name)
     refused = 0
 
-    def admitted(inbox: Inbox, gate: Gate) -> Sequence[Packet]:
+    def admitted(inbox: Inbox | Delivery, gate: Gate) -> Sequence[Packet]:
         nonlocal refused
         packets = packets_of_inbox(inbox)
-        if ORACLE in inbox.kind:
+        if holds(inbox, ORACLE):
             hears = bool(own.oracles) and gate is measured
             told = [packet for packet in packets if hears and packet.kind == ORACLE]
             said = [packet for packet in packets if packet.kind != ORACLE]

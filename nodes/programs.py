@@ -10,7 +10,7 @@ import numpy as np
 from bus import keys
 from bus.integrity import Gate, seal_of
 from bus.messages import Credit, Estimate, Inbox, Truth
-from bus.packets import UNSEALED, Packet, Vector, packets_of_inbox, transmission
+from bus.packets import UNSEALED, Delivery, Packet, Vector, packets_of_inbox, transmission
 from bus.plan import ControllerPlan, Plan
 from bus.program import Port, Program, every_step
 from nodes.contract import Controller, Plant, Sensor, Trigger
@@ -72,7 +72,7 @@ class _Input:
 
     def receive(self) -> Program:
         """Take the inbox of the step before."""
-        inbox: Inbox = yield self._topic
+        inbox: Inbox | Delivery = yield self._topic
         admitted = self._gate.admit(packets_of_inbox(inbox))
         packets = [packet for packet in admitted if packet.values.shape == self._zero.shape]
         if packets:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from threadpoolctl import threadpool_limits
 
 from bus.grants import inputs, paced
-from bus.inprocess import InProcessBus, Sink
+from bus.inprocess import Carrier, CarryingBus, InProcessBus, Sink
 from bus.messages import Message, encode
 from bus.plan import Plan
 from channel.program import channel_programs
@@ -21,12 +21,20 @@ def run_messages(plan: Plan, sink: Sink, window: int = RunSettings.window) -> No
     The order of the messages is that of the computation: deterministic, but not the log's.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        bus = InProcessBus(sink, paced(plan))
-        for program, topics in channel_programs(bus, plan):
-            bus.add(program, topics)
-        for name in plan.node_names:
-            bus.add(node_program(bus, plan, name, window), inputs(plan, name))
-        bus.run()
+        _run(plan, InProcessBus(sink, paced(plan)), window)
+
+
+def run_carried(plan: Plan, sink: Sink, carrier: Carrier, window: int = RunSettings.window) -> None:
+    """Run as `run_messages` does, but hand inboxes to a carrier of their own; BLAS must have one thread."""
+    _run(plan, CarryingBus(sink, carrier, paced(plan)), window)
+
+
+def _run(plan: Plan, bus: InProcessBus, window: int) -> None:
+    for program, topics in channel_programs(bus, plan):
+        bus.add(program, topics)
+    for name in plan.node_names:
+        bus.add(node_program(bus, plan, name, window), inputs(plan, name))
+    bus.run()
 
 
 def run_in_one_process(

@@ -8,13 +8,12 @@ delivered packet is *rejected* when the first verdict on it at or after its deli
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from bus.plan import Plan
-from orchestrator.score.gather import Bools, Gathered, Ints, Packets
+from orchestrator.score.gather import Bools, Floats, Gathered, Ints, Packets
 from orchestrator.score.results import AttackWindow, Confusion, Lockout
 
 
@@ -22,15 +21,17 @@ from orchestrator.score.results import AttackWindow, Confusion, Lockout
 class Judgement:
     """Deliveries, sorted by (link, step, sequence), with their fates; and what else detection needs.
 
-    ``judged`` (L,) marks links on which some verdict was given. ``hits`` are attacked deliveries by stage, on
-    the links from those in whose names they came; ``hit_alarm`` tells whether each was rejected; ``alarms``
-    are the alarms, each at the step in which it was raised.
+    ``statistic`` is the test statistic of the verdict on each, NaN where there is none. ``judged`` (L,) marks
+    links on which some verdict was given. ``hits`` are attacked deliveries by stage, on the links from those
+    in whose names they came; ``hit_alarm`` tells whether each was rejected; ``alarms`` are the alarms, each
+    at the step in which it was raised.
     """
 
     link: Ints
     step: Ints
     attacked: Bools
     alarm: Bools
+    statistic: Floats
     judged: Bools
     hits: Packets
     hit_alarm: Bools
@@ -81,8 +82,8 @@ def _joined(one: Packets, other: Packets) -> Packets:
     return Packets(*(np.concatenate([getattr(one, f.name), getattr(other, f.name)]) for f in fields(Packets)))
 
 
-def _paired(alarm: Bools, delivery_code: Ints, verdict_code: Ints, mark: Bools) -> Bools:
-    """Return the alarms with the verdicts given one by one where several deliveries have one code.
+def _paired(verdict: Ints, delivery_code: Ints, verdict_code: Ints) -> Ints:
+    """Return the verdicts by delivery, given one by one where several deliveries have one code.
 
     They are taken in the order of the inbox, where a step holds as many verdicts as deliveries of a code.
     """
@@ -90,41 +91,60 @@ def _paired(alarm: Bools, delivery_code: Ints, verdict_code: Ints, mark: Bools) 
     judged, verdicts = np.unique(verdict_code, return_counts=True)
     several = np.intersect1d(codes[counts > 1], judged)
     if not several.size:
-        return alarm
+        return verdict
     fits = counts[np.searchsorted(codes, several)] == verdicts[np.searchsorted(judged, several)]
     of, by = (np.argsort(code, kind="stable") for code in (delivery_code, verdict_code))
     of, by = of[np.isin(delivery_code[of], several[fits])], by[np.isin(verdict_code[by], several[fits])]
-    paired = alarm.copy()
-    paired[of] = mark[by]
+    paired = verdict.copy()
+    paired[of] = by
     return paired
 
 
 def _injected(plan: Plan, gathered: Gathered) -> tuple[Bools, Ints, Ints]:
-    """Return which deliveries were injected, and pairs: where an injection landed, and which one it was."""
+    """Return which deliveries were injected, and pairs: where an injection landed, and which one it was.
+
+    An injection lands where the first delivery from its step on that it is known by is not taken yet.
+    """
     deliveries, injections = gathered.deliveries, gathered.injections
     injected = np.zeros(deliveries.link.size, dtype=bool)
-    landed, which = [], []
-    receiver = np.array([plan.node_names.index(link.destination) for link in plan.links], dtype=np.int64)
-    wanted = _known_by(receiver, injections)
-    places: dict[tuple[int, int, float], list[int]] = defaultdict(list)
-    if wanted:
-        interesting = set(wanted)
-        for place, key in enumerate(_known_by(receiver, deliveries)):
-            if key in interesting:
-                places[key].append(place)
-    for number, (key, step) in enumerate(zip(wanted, injections.step.tolist(), strict=True)):
-        later = [place for place in places[key] if deliveries.step[place] >= step]
-        fresh = [place for place in later if not injected[place]]
+    if not injections.link.size:
+        return injected, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    delivered, wanted = _identities(plan, deliveries, injections)
+    order = np.argsort(delivered, kind="stable")
+    begin, end = (np.searchsorted(delivered[order], wanted, side=side) for side in ("left", "right"))
+    _, which_code, counts = np.unique(wanted, return_inverse=True, return_counts=True)
+    alone = (end - begin == 1) & (counts[which_code] == 1)
+    places, numbers = order[begin[alone]], np.flatnonzero(alone)
+    in_time = deliveries.step[places] >= injections.step[numbers]
+    landed, which = places[in_time].tolist(), numbers[in_time].tolist()
+    injected[landed] = True
+    for number in np.flatnonzero(~alone).tolist():
+        candidates = order[begin[number] : end[number]]
+        later = candidates[deliveries.step[candidates] >= injections.step[number]]
+        fresh = later[~injected[later]]
         injected[later] = True
-        landed += fresh[:1]
+        landed += fresh[:1].tolist()
         which += [number] * len(fresh[:1])
-    return injected, np.array(landed, dtype=np.int64), np.array(which, dtype=np.int64)
+    by_number = np.argsort(which, kind="stable")
+    return injected, np.array(landed, dtype=np.int64)[by_number], np.array(which, dtype=np.int64)[by_number]
 
 
-def _known_by(receiver: Ints, packets: Packets) -> list[tuple[int, int, float]]:
-    """Return (receiver, sequence, norm) of some packets."""
-    columns = (receiver[packets.link], packets.sequence, packets.norm)
-    return list(zip(*(column.tolist() for column in columns), strict=True))
+def _identities(plan: Plan, deliveries: Packets, injections: Packets) -> tuple[Ints, Ints]:
+    """Return a number for each packet's (receiver, sequence, norm), equal for equal ones.
+
+    A packet whose norm is not told is like no other: it has a negative number of its own.
+    """
+    index = {name: i for i, name in enumerate(plan.node_names)}
+    receiver = np.array([index[link.destination] for link in plan.links], dtype=np.int64)
+    tables = (deliveries, injections)
+    number = np.concatenate([receiver[table.link] for table in tables])
+    for column in ("sequence", "value"):
+        joined = np.concatenate([getattr(table, column) for table in tables])
+        values, dense = np.unique(joined, return_inverse=True)
+        number = number * values.size + dense
+    untold = np.isnan(joined)
+    number[untold] = -1 - np.arange(untold.sum())
+    return number[: deliveries.link.size], number[deliveries.link.size :]
 
 
 def judge(plan: Plan, gathered: Gathered) -> Judgement:
@@ -134,8 +154,9 @@ def judge(plan: Plan, gathered: Gathered) -> Judgement:
     delivery_code, verdict_code, event_code = _codes(gathered, steps)
     order = np.lexsort((~verdicts.mark, verdict_code))
     judged_in_time, at = _after(delivery_code, verdict_code[order], steps)
-    alarm = judged_in_time & np.append(verdicts.mark[order], False)[at]
-    alarm = _paired(alarm, delivery_code, verdict_code, verdicts.mark)
+    verdict = np.where(judged_in_time, np.append(order, -1)[at], -1)
+    verdict = _paired(verdict, delivery_code, verdict_code)
+    alarm = np.append(verdicts.mark, False)[verdict]
     attack = events.mark
     attacked = _before(delivery_code, np.sort(event_code[attack]), steps)
     by_code = np.argsort(delivery_code, kind="stable")
@@ -155,6 +176,7 @@ def judge(plan: Plan, gathered: Gathered) -> Judgement:
         step=deliveries.step[order],
         attacked=(attacked | injected)[order],
         alarm=alarm[order],
+        statistic=np.append(verdicts.value, np.nan)[verdict[order]],
         judged=judged,
         hits=hits,
         hit_alarm=alarm[landed],

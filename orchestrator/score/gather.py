@@ -2,72 +2,75 @@
 
 from __future__ import annotations
 
-import math
-import sys
 from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import compress, pairwise
+from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bus import keys
 from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
-from bus.packets import ORACLE, packets_of_inbox
+from bus.packets import ORACLE, Delivery, packets_of_inbox
 from bus.plan import Plan
-from orchestrator.errors import InputError
 from orchestrator.score.attack_beliefs import AttackBeliefs, AttackListener
+from orchestrator.score.columns import (
+    COUNTS,
+    MOST_LOOSE,
+    Bools,
+    Floats,
+    Ints,
+    Ledger,
+    Packets,
+    Payloads,
+    Rows,
+    ScoreError,
+    integers,
+)
+from orchestrator.score.measurements import MeasurementRows, Measurements
 from orchestrator.score.recovered import FalseDataListener
+
+__all__ = [
+    "COUNTS",
+    "Bools",
+    "Estimates",
+    "Floats",
+    "Gathered",
+    "Gatherer",
+    "Ints",
+    "Packets",
+    "ScoreError",
+    "gather",
+]
 
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
 
 SENT = "sent"
 """The diagnostic by which a method that asks its event trigger itself says what share was sent."""
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-
-class ScoreError(InputError):
-    """The record does not fit its plan; the message says where."""
+_AFTER_ESTIMATE = len(keys.estimate(""))
+_REFUSED = -2
+"""In the place of a link: the packet was not let in."""
 
 
 @dataclass(frozen=True)
 class Estimates:
     """Estimates by (estimator, step of publication), N x K, in the plan's order; NaN where unknown.
 
-    ``error`` (N, K, n) is the estimate less the truth of the step that it refers to. ``covariance`` is (N, K,
-    n, n).
+    ``state`` (N, K, n) is what was estimated of the step ``refers_to`` (N, K), ``error`` (N, K, n) that less
+    the truth of that step. ``covariance`` is (N, K, n, n).
     """
 
     present: Bools
     declared_diverged: Bools
+    refers_to: Ints
+    state: Floats
     error: Floats
     covariance: Floats
     nis: Floats
     nis_dof: Ints
-
-
-@dataclass(frozen=True)
-class Packets:
-    """Rows that concern one packet each: ``link`` (its index in the plan, -1: none), ``step``, ``sequence``.
-
-    ``mark`` is True for a verdict that raised the alarm and for an event that attacked (False: lost);
-    ``stage`` is the index of the stage that acted (-1: not one of the plan). ``norm`` is the Euclidean norm
-    of the payload of a delivery and of an injection (NaN: not told).
-    """
-
-    link: Ints
-    step: Ints
-    sequence: Ints
-    mark: Bools
-    stage: Ints
-    norm: Floats
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,8 @@ class Gathered:
     injection stands under the link that it was made on, which may carry it in another node's name. ``slots``
     (L,) counts by link the slots that the channel passed. ``said_sent`` holds, by estimator whose method
     fills its slots for other reasons too, how many of its estimates said what share of its events was sent,
-    and the sum of that.
+    and the sum of that. ``sent`` (nodes, K) counts the slots with a packet that each node of the plan sent,
+    measurements and exchanges.
     """
 
     truth_present: Bools
@@ -92,10 +96,8 @@ class Gathered:
     slots: Ints
     said_sent: Mapping[str, tuple[int, float]]
     false_data: FalseDataListener
-
-
-COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
-"""What is counted by link: sums over the run, and of ``in_flight`` what was left at its end."""
+    sent: Ints
+    measurements: Measurements
 
 
 class _Index(dict[str, int]):
@@ -105,112 +107,162 @@ class _Index(dict[str, int]):
         return -1
 
 
-class _Rows:
-    """Columns of `Packets` in the making."""
-
-    def __init__(self) -> None:
-        self.link, self.step, self.sequence, self.mark, self.stage = (array("q") for _ in range(5))
-        self.norm = array("d")
-
-    def packets(self) -> Packets:
-        """Return the rows as arrays; columns that were never filled are False or -1."""
-        link, step, sequence = (_integers(column) for column in (self.link, self.step, self.sequence))
-        mark = _integers(self.mark).astype(bool) if self.mark else np.zeros(link.size, dtype=bool)
-        stage = _integers(self.stage) if self.stage else np.full(link.size, -1)
-        norm = np.array(self.norm) if self.norm else np.full(link.size, np.nan)
-        return Packets(link, step, sequence, mark, stage, norm)
-
-
-def _integers(column: array[int]) -> Ints:
-    return np.array(column, dtype=np.int64)
-
-
-def _node(topic: str) -> str:
-    return topic.split("/", 2)[1]
-
-
-class _Gatherer:
-    """Takes the messages of a record one by one, in any order."""
+class Gatherer:
+    """Takes the messages of a record one by one, in any order; raises `ScoreError` for one that cannot be."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
         self.estimators = _Index({estimator.name: i for i, estimator in enumerate(plan.estimators)})
         self.links = _Index({link.name: i for i, link in enumerate(plan.links)})
         self.stages = _Index({stage.label: i for i, stage in enumerate(plan.stages)})
+        self.known: dict[tuple[str, ...], array[int]] = {}
+        self.payloads = Payloads()
         self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
+        self.told = {keys.rx(own.name, keys.CORRECT) for own in plan.estimators if own.oracles}
         self.false_data = FalseDataListener(plan)
         self.truth: dict[int, list[float]] = {}
         self.of_attacks = AttackListener()
-        self.estimates = array("q")  # seven numbers an estimate, see `take_estimate`
+        self.loose: list[tuple[str, Estimate]] = []
+        self.estimates = tuple(array("q") for _ in range(7))  # see `_pack_estimates`
         self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
         senders: dict[tuple[str, str], list[str]] = {}
         for link in plan.links:
             senders.setdefault((link.destination, keys.phase_of(link.stream)), []).append(link.source)
         self.gates = {place: Gate(plan, sources) for place, sources in senders.items()}
-        self.deliveries, self.verdicts, self.events, self.injections = (_Rows() for _ in range(4))
-        self.counted_link = array("q")
-        self.counted = tuple(array("q") for _ in COUNTS[:-1])
+        self.deliveries, self.verdicts, self.events, self.injections = (Rows() for _ in range(4))
+        self.ledgers: dict[tuple[str, int], Ledger] = {}
+        self.all_ledgers: list[Ledger] = []
+        self.measurements = MeasurementRows(plan)
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.triggered = frozenset(plan.triggered)
         self.said_sent: dict[str, tuple[int, float]] = {}
+        self.takers: dict[type[Message], Callable[[str, Any], None]] = {
+            Truth: self._take_truth,
+            Estimate: self._take_estimate,
+            Inbox: self._take_inbox,
+            ChannelEvents: self._take_events,
+            Transmission: self._take_transmission,
+        }
 
-    def take_truth(self, topic: str, message: Truth) -> None:
+    def take(self, topic: str, message: Message) -> None:
+        """Take a message; what no score needs is passed over."""
+        take = self.takers.get(type(message))
+        if take is not None:
+            take(topic, message)
+
+    def _take_truth(self, topic: str, message: Truth) -> None:
         self.truth[message.step] = message.state
         if message.attack:
             self.of_attacks.take_truth(message)
 
-    def take_estimate(self, topic: str, message: Estimate) -> None:
-        name, step = _node(topic), message.step
-        self.false_data.take_estimate(name, message)
-        sizes = len(message.state), len(message.covariance)
-        node = self.estimators[name]
-        self.estimates.extend((node, step, message.refers_to, message.diverged, message.nis_dof, *sizes))
-        self.nis.append(message.nis)
-        self.state.extend(message.state)
-        self.covariance.extend(message.covariance)
+    def _take_estimate(self, topic: str, message: Estimate) -> None:
+        name = topic[_AFTER_ESTIMATE:]
+        self.loose.append((name, message))
         if message.diagnostic_name:
-            self.of_attacks.take_estimate(node, message)
+            self._take_diagnostics(name, message)
+        if len(self.loose) >= MOST_LOOSE:
+            self._pack_estimates()
+
+    def _take_diagnostics(self, name: str, message: Estimate) -> None:
+        self.of_attacks.take_estimate(self.estimators[name], message)
+        self.false_data.take_estimate(name, message)
         if name in self.triggered and SENT in message.diagnostic_name:
             share = message.diagnostic_value[message.diagnostic_name.index(SENT)]
             said, total = self.said_sent.get(name, (0, 0.0))
             self.said_sent[name] = said + 1, total + share
-        if message.detector_source:
-            incoming, rows = self.incoming[name], self.verdicts
-            rows.link.extend(map(incoming.__getitem__, message.detector_source))
-            rows.step.extend([step] * len(message.detector_source))
-            rows.sequence.extend(message.detector_sequence)
-            rows.mark.extend(message.detector_alarm)
 
-    def take_inbox(self, topic: str, message: Inbox) -> None:
-        if not message.source:
-            return
-        self.false_data.take_inbox(topic, message)
+    def _take_transmission(self, topic: str, message: Transmission) -> None:
+        self.measurements.take_sent(topic, message)
+        self.false_data.take_transmission(topic, message)
+
+    def _pack_estimates(self) -> None:
+        """Pack the estimates' numbers; of many at once, for that takes a third of the time."""
+        messages = [message for _, message in self.loose]
+        nodes = [self.estimators[name] for name, _ in self.loose]
+        columns: tuple[list[int], ...] = (
+            nodes,
+            [message.step for message in messages],
+            [message.refers_to for message in messages],
+            [message.diverged for message in messages],
+            [message.nis_dof for message in messages],
+            [len(message.state) for message in messages],
+            [len(message.covariance) for message in messages],
+        )
+        for column, values in zip(self.estimates, columns, strict=True):
+            column.extend(values)
+        self.nis.extend([message.nis for message in messages])
+        self.state.extend(chain.from_iterable([message.state for message in messages]))
+        self.covariance.extend(chain.from_iterable([message.covariance for message in messages]))
+        judging = [(self.incoming[name], own) for name, own in self.loose if own.detector_source]
+        rows = self.verdicts
+        rows.link.extend([links[source] for links, own in judging for source in own.detector_source])
+        rows.step.extend([own.step for _, own in judging for _ in own.detector_source])
+        rows.sequence.extend([number for _, own in judging for number in own.detector_sequence])
+        rows.mark.extend([alarm for _, own in judging for alarm in own.detector_alarm])
+        rows.value.extend([value for _, own in judging for value in own.detector_statistic])
+        self.loose.clear()
+
+    def _take_inbox(self, topic: str, message: Inbox) -> None:
+        if message.source:
+            links = self._links_of(topic, message)
+            self.deliveries.link.extend(links)
+            self.deliveries.sequence.extend(message.sequence)
+            self.payloads.take(message)
+            self.measurements.take_inbox(topic, message, links)
+            self.false_data.take_inbox(topic, message)
+
+    def take_delivery(self, topic: str, delivered: Delivery) -> None:
+        """Take an inbox in the form of its packets."""
+        packets = delivered.packets
+        if packets:
+            links = self._links_of(topic, delivered)
+            self.deliveries.link.extend(links)
+            self.deliveries.sequence.extend([packet.sequence for packet in packets])
+            self.payloads.take(delivered)
+            self.measurements.take_inbox(topic, delivered, links)
+            self.false_data.take_inbox(topic, delivered)
+
+    def _links_of(self, topic: str, message: Inbox | Delivery) -> array[int]:
+        """Return the link of each packet of an inbox, `_REFUSED` for those that are not let in."""
+        place = (topic, *message.source)
+        links = self.known.get(place)
+        if links is None:
+            links = self.known[place] = self._links_into(topic, message.source)
+        return links or self._let_in(topic, message)
+
+    def _links_into(self, topic: str, sources: Sequence[str]) -> array[int]:
+        """Return the links from some sources into an inbox; none when each packet must be looked at."""
+        incoming = self.incoming[topic.split("/")[1]]
+        if topic in self.told or self.plan.integrity or not incoming.keys() >= set(sources):
+            return array("q")
+        return array("q", map(incoming.__getitem__, sources))
+
+    def _let_in(self, topic: str, message: Inbox | Delivery) -> array[int]:
+        """Return the links of an inbox's packets, `_REFUSED` for those that the receiver does not let in."""
         node, phase = topic.split("/")[1:3]
-        rows, sources, sequences = self.deliveries, message.source, message.sequence
-        norms = _norms(message)
-        has_oracles = ORACLE in message.kind
-        if has_oracles or self.plan.integrity or not self.incoming[node].keys() >= set(sources):
-            gate = self.gates.get((node, phase))
-            let_in = [
-                packet.kind != ORACLE and (gate is None or gate.admits(packet))
+        gate, incoming = self.gates.get((node, phase)), self.incoming[node]
+        return array(
+            "q",
+            [
+                incoming[packet.source]
+                if packet.kind != ORACLE and (gate is None or gate.admits(packet))
+                else _REFUSED
                 for packet in packets_of_inbox(message)
-            ]
-            sources, sequences = list(compress(sources, let_in)), list(compress(sequences, let_in))
-            norms = list(compress(norms, let_in))
-        rows.link.extend(map(self.incoming[node].__getitem__, sources))
-        rows.step.extend([message.step] * len(sources))
-        rows.sequence.extend(sequences)
-        rows.norm.extend(norms)
+            ],
+        )
 
-    def take_events(self, topic: str, message: ChannelEvents) -> None:
-        self.counted_link.extend(map(self.links.__getitem__, message.link))
-        for total, name in zip(self.counted, COUNTS, strict=False):
-            total.extend(getattr(message, name) or [0] * len(message.link))
-        last = self.last_events.get((topic, message.round))
+    def _take_events(self, topic: str, message: ChannelEvents) -> None:
+        place = topic, message.round
+        ledger = self.ledgers.get(place)
+        if ledger is None or ledger.link != message.link:
+            ledger = self.ledgers[place] = Ledger(topic, message.link)
+            self.all_ledgers.append(ledger)
+        ledger.take(message)
+        last = self.last_events.get(place)
         if last is None or message.step > last.step:
-            self.last_events[topic, message.round] = message
+            self.last_events[place] = message
         if message.event_link:
             self._take_acts(message)
             self.false_data.take_events(message)
@@ -225,7 +277,7 @@ class _Gatherer:
                 rows.mark.append(is_false)
             elif action == "injected":
                 rows = self.injections
-                rows.norm.append(size)
+                rows.value.append(size)
             else:
                 continue
             rows.link.append(self.links[link])
@@ -234,20 +286,30 @@ class _Gatherer:
             rows.stage.append(self.stages[stage])
 
     def finish(self) -> Gathered:
-        truth = self._truth()
+        """Return all that was taken."""
+        truth, deliveries = self._truth(), self._delivered()
+        estimates = self._estimates(truth)  # with which the verdicts are unpacked
         return Gathered(
             truth_present=np.asarray(np.isfinite(truth).all(axis=1)),
-            estimates=self._estimates(truth),
-            deliveries=self.deliveries.packets(),
+            estimates=estimates,
+            deliveries=deliveries,
             verdicts=self.verdicts.packets(),
             events=self.events.packets(),
             injections=self.injections.packets(),
-            counts=self._counts(),
+            counts=self._counts(deliveries),  # it checks what the next ones rely on
+            slots=self._slots(),
+            sent=self._sent(),
+            measurements=self.measurements.finish(),
             attack_beliefs=self.of_attacks.beliefs(len(self.plan.estimators), self.plan.steps),
-            slots=np.bincount(_integers(self.counted_link), minlength=len(self.plan.links)),
             said_sent=self.said_sent,
             false_data=self.false_data,
         )
+
+    def _slots(self) -> Ints:
+        slots = np.zeros(len(self.plan.links), dtype=np.int64)
+        for ledger in self.all_ledgers:
+            np.add.at(slots, [self.links[name] for name in ledger.link], len(ledger.step))
+        return slots
 
     def _truth(self) -> Floats:
         sizes = {len(state) for state in self.truth.values()} or {0}
@@ -277,7 +339,8 @@ class _Gatherer:
                 raise ScoreError(f"the estimate of {names[node[at]]} at step {step[at]} {fault}")
 
     def _estimates(self, truth: Floats) -> Estimates:
-        columns = _integers(self.estimates).reshape(-1, 7).T
+        self._pack_estimates()
+        columns = map(integers, self.estimates)
         node, step, refers_to, diverged, dof, size, covariance_size = columns
         (K, n), N = truth.shape, len(self.plan.estimators)
         self._check(node, step, size, covariance_size, n)
@@ -290,22 +353,54 @@ class _Gatherer:
         has = size > 0
         known = (refers_to >= 0) & (refers_to < K)
         reference = np.where(known[:, None], truth[np.where(known, refers_to, 0)], np.nan)
-        error[node[has], step[has]] = np.array(self.state).reshape(has.sum(), n) - reference[has]
+        state = np.full((N, K, n), np.nan)
+        state[node[has], step[has]] = np.array(self.state).reshape(has.sum(), n)
+        error[node[has], step[has]] = state[node[has], step[has]] - reference[has]
+        refers = np.full((N, K), -1)
+        refers[node, step] = refers_to
         has = covariance_size > 0
         covariance[node[has], step[has]] = np.array(self.covariance).reshape(has.sum(), n, n)
-        return Estimates(present, declared, error, covariance, nis, nis_dof)
+        return Estimates(present, declared, refers, state, error, covariance, nis, nis_dof)
 
-    def _counts(self) -> Ints:
-        link = _integers(self.counted_link)
-        acts = (self.events, self.injections, self.deliveries)
-        if min(link, default=0) < 0 or any(min(rows.link, default=0) < 0 for rows in acts):
+    def _delivered(self) -> Packets:
+        """Return the deliveries; a norm is told where an injection has the packet's receiver and number."""
+        rows = self.deliveries
+        link, sequence = integers(rows.link), integers(rows.sequence)
+        let_in = link != _REFUSED
+        false, mark = {*self.injections.sequence}, np.zeros(link.size, dtype=bool)
+        wanted = let_in & np.isin(sequence, list(false)) if false else mark
+        columns = link, self.payloads.steps(), sequence, mark, np.full(link.size, -1)
+        return Packets(*(column[let_in] for column in (*columns, self.payloads.norms(wanted))))
+
+    def _sent(self) -> Ints:
+        """Return the slots with a packet by sender and step; one link of a sender tells for its stream."""
+        senders = {name: i for i, name in enumerate(self.plan.node_names)}
+        sent = np.zeros((len(senders), self.plan.steps), dtype=np.int64)
+        for ledger in self.all_ledgers:
+            if ledger.topic == keys.channel(keys.CONTROL) or not ledger.link:
+                continue
+            first: dict[str, int] = {}  # a column by sender
+            for column, name in enumerate(ledger.link):
+                first.setdefault(self.plan.links[self.links[name]].source, column)
+            has_sent = ledger.table("sent")[:, list(first.values())] > 0
+            rows = np.array([senders[name] for name in first], dtype=np.int64)
+            np.add.at(sent, (rows[None, :], integers(ledger.step)[:, None]), has_sent)
+        return sent
+
+    def _counts(self, deliveries: Packets) -> Ints:
+        """Return the counts by link; raises `ScoreError` for what the plan does not have."""
+        names = [name for ledger in self.all_ledgers for name in ledger.link]
+        acts = (self.events.packets(), self.injections.packets(), deliveries)
+        if any(name not in self.links for name in names) or any((own.link < 0).any() for own in acts):
             raise ScoreError("the record holds packets of a link that the plan does not have")
-        for rows in acts:
-            if rows.step and not (min(rows.step) >= 0 and max(rows.step) < self.plan.steps):
+        for step in (*(own.step for own in acts), *(integers(own.step) for own in self.all_ledgers)):
+            if step.size and not (step.min() >= 0 and step.max() < self.plan.steps):
                 raise ScoreError(f"the record holds packets of a step outside the plan's {self.plan.steps}")
         counts = np.zeros((len(COUNTS), len(self.plan.links)), dtype=np.int64)
-        for row, column in zip(counts, self.counted, strict=False):
-            np.add.at(row, link, _integers(column))
+        for ledger in self.all_ledgers:
+            link = [self.links[name] for name in ledger.link]
+            for row, name in zip(counts, ledger.counted, strict=False):
+                np.add.at(row, link, ledger.table(name).sum(axis=0))
         for _, message in sorted(self.last_events.items()):
             left = message.in_flight or [0] * len(message.link)
             for name, count in zip(message.link, left, strict=True):
@@ -313,28 +408,12 @@ class _Gatherer:
         return counts
 
 
-def _norms(message: Inbox) -> Sequence[float]:
-    """Return the Euclidean norm of each payload of an inbox."""
-    values = message.values
-    bounds = pairwise([*message.offset, len(values)])
-    return [min(math.hypot(*values[begin:end]), sys.float_info.max) for begin, end in bounds]
-
-
 def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:
     """Read a record once, whatever the order of the messages inside a step.
 
     Raises `ScoreError` when a message cannot belong to the plan.
     """
-    gatherer = _Gatherer(plan)
-    takers: dict[type[Message], Callable[[str, Any], None]] = {
-        Truth: gatherer.take_truth,
-        Estimate: gatherer.take_estimate,
-        Inbox: gatherer.take_inbox,
-        Transmission: gatherer.false_data.take_transmission,
-        ChannelEvents: gatherer.take_events,
-    }
+    gatherer = Gatherer(plan)
     for topic, message in records:
-        take = takers.get(type(message))
-        if take is not None:
-            take(topic, message)
+        gatherer.take(topic, message)
     return gatherer.finish()

@@ -207,9 +207,10 @@ def _sender_values(score: Score, nodes: Collection[str]) -> list[Value]:
     return [(whole.name, _or_nan(whole.rate))]
 
 
-def pooled_senders(score: Score) -> SenderScore:
-    """Return all nodes with an event trigger as one."""
-    slots, sent = sum(one.slots for one in score.senders), sum(one.sent for one in score.senders)
+def pooled_senders(score: Score, names: Collection[str] | None = None) -> SenderScore:
+    """Return the nodes with an event trigger as one, all of them or those that are named."""
+    chosen = [one for one in score.senders if names is None or one.name in names]
+    slots, sent = sum(one.slots for one in chosen), sum(one.sent for one in chosen)
     return SenderScore.of("all event triggers", slots, sent)
 
 

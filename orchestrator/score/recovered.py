@@ -16,7 +16,7 @@ import numpy as np
 from bus import keys
 from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Transmission
-from bus.packets import ORACLE, packets_of_inbox
+from bus.packets import ORACLE, Delivery, packets_of_inbox
 from bus.plan import Plan
 from orchestrator.score.results import RecoveredAttack
 
@@ -56,7 +56,7 @@ class FalseDataListener:
         if source is not None and len(message.sequence) == 1:
             self._sent[source, message.step] = message.values
 
-    def take_inbox(self, topic: str, message: Inbox) -> None:
+    def take_inbox(self, topic: str, message: Inbox | Delivery) -> None:
         """Keep what arrived of the sensors in their own step."""
         _, node, phase = topic.split("/")
         if phase != keys.CORRECT or node not in self._heard:

@@ -16,6 +16,7 @@ COMMANDS = [
     ("run",),
     ("validate",),
     ("score",),
+    ("compare",),
     ("graph",),
     ("schema",),
     ("plugins",),

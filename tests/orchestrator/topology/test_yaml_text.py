@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
@@ -26,6 +26,7 @@ _VALUES = st.recursive(
 )
 
 
+@settings(deadline=None)
 @given(document=st.dictionaries(_TEXT, _VALUES, max_size=4))
 def test_what_is_written_is_read_back(document: dict[str, Any]) -> None:
     assert YAML(typ="safe", pure=True).load(yaml_text(document)) == document

@@ -1,0 +1,153 @@
+"""The columns that a record is gathered into: growing while messages come, arrays in the end."""
+
+from __future__ import annotations
+
+import math
+import operator
+import sys
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bus.messages import ChannelEvents, Inbox
+from bus.packets import Delivery
+from orchestrator.errors import InputError
+
+MOST_LOOSE = 20_000
+"""Messages that are kept as they are until their numbers are packed."""
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class ScoreError(InputError):
+    """The record does not fit its plan; the message says where."""
+
+
+@dataclass(frozen=True)
+class Packets:
+    """Rows that concern one packet each: ``link`` (its index in the plan, -1: none), ``step``, ``sequence``.
+
+    ``mark`` is True for a verdict that raised the alarm and for an event that attacked (False: lost);
+    ``stage`` is the index of the stage that acted (-1: not one of the plan). ``value`` is the Euclidean norm
+    of the payload of an injection and of a delivery that may be one, and the test statistic of a verdict
+    (NaN: not told).
+    """
+
+    link: Ints
+    step: Ints
+    sequence: Ints
+    mark: Bools
+    stage: Ints
+    value: Floats
+
+
+COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
+"""What is counted by link: sums over the run, and of ``in_flight`` what was left at its end."""
+
+
+class Rows:
+    """Columns of `Packets` in the making."""
+
+    def __init__(self) -> None:
+        self.link, self.step, self.sequence, self.mark, self.stage = (array("q") for _ in range(5))
+        self.value = array("d")
+
+    def packets(self) -> Packets:
+        """Return the rows as arrays; columns that were never filled are False or -1."""
+        link, step, sequence = (integers(column) for column in (self.link, self.step, self.sequence))
+        mark = integers(self.mark).astype(bool) if self.mark else np.zeros(link.size, dtype=bool)
+        stage = integers(self.stage) if self.stage else np.full(link.size, -1)
+        value = np.array(self.value) if self.value else np.full(link.size, np.nan)
+        return Packets(link, step, sequence, mark, stage, value)
+
+
+def integers(column: array[int]) -> Ints:
+    """Return a column as an array."""
+    return np.array(column, dtype=np.int64)
+
+
+class Payloads:
+    """The payloads of all inboxes, end to end: their norms are wanted only where a packet was injected."""
+
+    def __init__(self) -> None:
+        self.inboxes = array("q")  # two numbers each: step, packets
+        self._sizes, self._values = array("q"), array("d")
+        self._loose: list[Inbox | Delivery] = []
+
+    def take(self, message: Inbox | Delivery) -> None:
+        """Take an inbox that is not empty."""
+        self.inboxes.extend((message.step, len(message.source)))
+        self._loose.append(message)
+        if len(self._loose) >= MOST_LOOSE:
+            self._pack()
+
+    def _pack(self) -> None:
+        """Pack values, which takes time that most runs need not spend, into less memory."""
+        for message in self._loose:
+            if isinstance(message, Delivery):
+                for packet in message.packets:
+                    self._sizes.append(packet.values.size)
+                    self._values.extend(packet.values.tolist())
+            else:
+                ends = (*message.offset[1:], len(message.values))
+                self._sizes.extend(map(operator.sub, ends, message.offset))
+                self._values.extend(message.values)
+        self._loose.clear()
+
+    def steps(self) -> Ints:
+        """Return the step of every packet."""
+        step, packets = integers(self.inboxes).reshape(-1, 2).T
+        return np.repeat(step, packets)
+
+    def norms(self, wanted: Bools) -> Floats:
+        """Return the Euclidean norm of each packet's payload that is wanted; NaN of the others."""
+        norms = np.full(wanted.size, np.nan)
+        if not wanted.any():
+            return norms
+        self._pack()
+        end = np.cumsum(integers(self._sizes))
+        begin = end - integers(self._sizes)
+        values, largest = self._values, sys.float_info.max
+        for i in np.flatnonzero(wanted).tolist():
+            norms[i] = min(math.hypot(*values[begin[i] : end[i]]), largest)
+        return norms
+
+
+class Ledger:
+    """The counts of one phase and round, step by step, of the links that its events name."""
+
+    __slots__ = ("counted", "link", "step", "topic")
+
+    def __init__(self, topic: str, link: Sequence[str]) -> None:
+        self.topic = topic
+        self.link = link
+        self.step = array("q")
+        self.counted: dict[str, array[int]] = {name: array("q") for name in COUNTS[:-1]}
+
+    def take(self, message: ChannelEvents) -> None:
+        """Take the counts of one step; those that a message leaves out are zero on every link."""
+        self.step.append(message.step)
+        counted = self.counted
+        counted["sent"].extend(message.sent)
+        counted["lost"].extend(message.lost)
+        counted["attacked"].extend(message.attacked)
+        counted["delivered"].extend(message.delivered)
+        if message.injected:
+            counted["injected"].extend(message.injected)
+        if message.duplicated:
+            counted["duplicated"].extend(message.duplicated)
+        if message.refused:
+            counted["refused"].extend(message.refused)
+
+    def table(self, name: str) -> Ints:
+        """Return a count by step and link; the steps of one that is often left out are not told."""
+        column = integers(self.counted[name])
+        width = len(self.link)
+        if column.size % width if width else column.size:
+            raise ScoreError(f"the channel's counts in {self.topic} do not fit its links")
+        return column.reshape(column.size // max(width, 1), width)

@@ -1,0 +1,134 @@
+"""Small campaigns, in this process and through the command, every wait bounded."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from orchestrator.campaign.sweep import Request, prepare, sweep
+
+ROOT = Path(__file__).parents[3]
+PATIENCE_S = 90.0
+COMMAND = [sys.executable, "-m", "orchestrator.command_line.app"]
+
+SMALL = """
+name: small
+seed: 7
+period_s: 0.1
+steps: 12
+plant: {model: constant_acceleration, process_noise: {std: 0.2}, initial: {std: 1.0}}
+graph: {ring: {nodes: 3}}
+sensors:
+  s1..s3: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
+estimators:
+  e1..e3: {method: secure_distributed, coupling: 0.01}
+channel:
+  e*->e*: {gilbert_elliott: {failure: 0.2, recovery: 0.5}}
+attacks:
+  - {bias: {value: 5.0}, on: s2->e2, steps: [4, 6]}
+expect:
+  rmse.position: {at_most: 0.4}
+"""
+
+MOODY = '''
+import os
+import signal
+
+import numpy as np
+from nodes.contract import Belief
+
+
+class Moody:
+    """Does something foolish in some trials: `temper` says what, and its own draw whether."""
+
+    rounds = 0
+
+    def __init__(self, setting, *, temper: str = "raise"):
+        self.mean = setting.plant.initial_mean
+        self.temper = temper
+        self.is_bad = setting.rng.random() < 0.3
+
+    def correct(self, step, packets):
+        if step == 3 and self.is_bad:
+            if self.temper == "raise":
+                raise ValueError("not today")
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def exchange(self, step, round_, packets): ...
+
+    def estimate(self, step):
+        return Belief(state=self.mean, covariance=np.eye(self.mean.size))
+'''
+
+
+@dataclass
+class Heard:
+    """What a campaign tells of its progress."""
+
+    total: int = 0
+    done: int = 0
+    finished: list[int] = field(default_factory=list)
+    failed: int = 0
+
+    def begin(self, total: int, done: int) -> None:
+        self.total, self.done = total, done
+
+    def advance(self, finished: int, failed: int) -> None:
+        self.finished.append(finished)
+        self.failed += failed
+
+
+@dataclass(frozen=True)
+class Home:
+    """A folder with a small topology, in which campaigns are run."""
+
+    folder: Path
+
+    def sweep(self, out: str, trials: int = 4, *overrides: str, **more: Any) -> tuple[Path, Heard]:
+        """Run a campaign in this process, with workers of its own."""
+        heard = Heard()
+        file = more.pop("file", self.folder / "small.yaml")
+        request = Request(file, trials, overrides=overrides, out=self.folder / out, **more)
+        return sweep(prepare(request), heard), heard
+
+    def command(self, *arguments: str, timeout_s: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
+        """Run the command in a process of its own."""
+        return subprocess.run(
+            [*COMMAND, *arguments],
+            cwd=self.folder,
+            env=environment(),
+            capture_output=True,
+            text=True,
+            timeout=timeout_s,
+            check=False,
+        )
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
+def table_of(directory: Path) -> pa.Table:
+    return pq.read_table(directory / "results.parquet")
+
+
+def facts_of(directory: Path) -> dict[str, Any]:
+    facts: dict[str, Any] = json.loads((directory / "campaign.json").read_text())
+    return facts
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.yaml").write_text(SMALL)
+    (tmp_path / "moody.py").write_text(MOODY)
+    return Home(tmp_path)

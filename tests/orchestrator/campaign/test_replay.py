@@ -1,0 +1,46 @@
+"""One trial of a campaign alone, with its log: the same score, and told so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from tests.orchestrator.campaign.conftest import Home, table_of
+
+GRID = "channel...failure=0.05,0.4"
+
+
+def test_a_replayed_trial_has_its_log_and_the_score_of_its_row(home: Home) -> None:
+    out, _ = home.sweep("out", 4, GRID, workers=2)
+    done = home.command("replay", "out", "--variant", "1", "--trial", "3", "--backend", "processes")
+    assert "the score is that of the campaign's row, bit for bit" in done.stderr
+    (run,) = (out / "replays").iterdir()
+    assert (run / "run.mcap").exists()
+    rows = table_of(out)
+    row = rows.filter(pc.and_(pc.equal(rows["variant"], 1), pc.equal(rows["trial"], 3)))
+    passed = row["passed"][0].as_py()
+    assert done.returncode == (0 if passed else 1)
+
+
+def test_a_score_that_is_not_that_of_the_row_is_told(home: Home) -> None:
+    out, _ = home.sweep("out", 1)
+    _with_another_rmse(out / "results.parquet")
+    done = home.command("replay", "out", "--trial", "0", "--backend", "inprocess", "--out", "run")
+    assert "NOT that of the campaign (rmse.position)" in done.stderr
+
+
+def _with_another_rmse(results: Path) -> None:
+    rows = pq.read_table(results)
+    place = rows.column_names.index("rmse.position")
+    pq.write_table(rows.set_column(place, "rmse.position", pa.array([0.5] * rows.num_rows)), results)
+
+
+def test_what_is_not_there_cannot_be_replayed(home: Home) -> None:
+    home.sweep("out", 1)
+    done = home.command("replay", "out", "--variant", "3", "--trial", "0")
+    assert (done.returncode, "its variants are 0 to 0" in done.stderr) == (2, True)
+    done = home.command("replay", "nowhere", "--trial", "0")
+    assert (done.returncode, "holds no campaign" in done.stderr) == (2, True)

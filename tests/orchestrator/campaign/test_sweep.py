@@ -1,0 +1,288 @@
+"""Campaigns in real worker processes: whoever runs which trial when, the results are the same bytes."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pyarrow.compute as pc
+import pytest
+
+from orchestrator.campaign.directory import CampaignError
+from orchestrator.errors import InputError
+from orchestrator.evidence.rows import trial_rows
+from orchestrator.evidence.sources import load_source
+from orchestrator.evidence.table import schema, table
+from orchestrator.log.reader import read_log
+from orchestrator.run import run_topology
+from orchestrator.run_directory import make_run_directory
+from orchestrator.topology.experiment import topology_from_experiment
+from orchestrator.topology.load import load_topology
+from tests.orchestrator.campaign.conftest import (
+    COMMAND,
+    PATIENCE_S,
+    Home,
+    environment,
+    facts_of,
+    table_of,
+)
+
+GRID = "channel...failure=0.05,0.4"
+
+
+def same_bytes(one: Path, other: Path) -> bool:
+    return (one / "results.parquet").read_bytes() == (other / "results.parquet").read_bytes()
+
+
+def workers_of(directory: Path) -> list[int]:
+    """The processes that hold a log of the campaign's workers open."""
+    found = []
+    for process in Path("/proc").iterdir():
+        try:
+            if process.name.isdigit() and str(directory) in os.readlink(process / "fd" / "1"):
+                found.append(int(process.name))
+        except OSError:
+            continue
+    return found
+
+
+def wait_until(holds, what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline, f"waited {PATIENCE_S} s in vain until {what}"
+        time.sleep(0.02)
+
+
+def test_one_worker_or_two_give_the_same_bytes_in_sorted_rows(home: Home) -> None:
+    one, heard = home.sweep("one", 5, GRID, workers=1)
+    two, _ = home.sweep("two", 5, GRID, workers=2)
+    assert same_bytes(one, two)
+    assert sum(heard.finished) == heard.total == 10
+    rows = table_of(one)
+    keys = list(zip(*(rows[name].to_pylist() for name in ("variant", "trial", "node")), strict=True))
+    assert keys == [(v, t, f"e{i}") for v in range(2) for t in range(5) for i in (1, 2, 3)]
+    assert set(rows["set.channel...failure"].to_pylist()) == {"0.05", "0.4"}
+    assert sorted(file.name for file in one.iterdir()) == [
+        *("campaign.json", "results.parquet", "timing.parquet", "topologies", "workers"),
+    ]
+
+
+def test_variants_have_common_random_numbers_and_trials_have_not(home: Home) -> None:
+    out, _ = home.sweep("out", 3, "estimators.e1.threshold=9,16", "channel=null")
+    rows = table_of(out)
+    untouched = rows.filter(pc.equal(rows["node"], "e3"))
+    errors = [
+        untouched.filter(pc.equal(untouched["variant"], v))["error.position"].to_pylist() for v in (0, 1)
+    ]
+    assert errors[0][0][:4] == errors[1][0][:4]  # until an attack, which one of them may judge otherwise
+    assert errors[0][0] != errors[0][1]
+
+
+def test_a_trials_row_is_that_of_a_run_of_its_own(home: Home) -> None:
+    out, _ = home.sweep("out", 3, GRID)
+    topology = load_topology(home.folder / "small.yaml", ["channel...failure=0.4"], trial=2)
+    run = run_topology(topology, make_run_directory(home.folder / "run", "r", 7), "inprocess", lambda _: None)
+    log = read_log(run.directory / "run.mcap")
+    logged = topology_from_experiment(log.topology_json)
+    alone = table(trial_rows(logged, log.records()), schema(logged.state_groups))
+    rows = table_of(out)
+    rows = rows.filter(pc.and_(pc.equal(rows["variant"], 1), pc.equal(rows["trial"], 2)))
+    for name in alone.column_names:
+        if name != "variant":
+            assert rows[name].to_pylist() == alone[name].to_pylist(), name
+
+
+def test_a_campaign_goes_on_after_everything_was_killed(home: Home) -> None:
+    whole, _ = home.sweep("whole", 40, GRID, workers=2)
+    arguments = ["sweep", "small.yaml", "--trials", "40", "--set", GRID, "-j", "2", "--out", "killed"]
+    killed = home.folder / "killed"
+    process = subprocess.Popen(
+        [*COMMAND, *arguments], cwd=home.folder, env=environment(), stderr=subprocess.DEVNULL
+    )
+    try:
+        wait_until(lambda: len(list(killed.glob("shards/*.arrows"))) >= 3, "there are shards")
+        others = workers_of(killed)
+    finally:
+        process.kill()
+        process.wait(PATIENCE_S)
+    assert not (killed / "results.parquet").exists()
+    assert others
+    wait_until(lambda: not workers_of(killed), "the workers have followed their parent")
+    before = len(list(killed.glob("shards/*.arrows")))
+    with pytest.raises(InputError, match="unfinished campaign"):
+        load_source(killed)
+    done = home.command(*arguments)
+    assert done.returncode == 0, done.stderr
+    assert before
+    assert "of them done before" in done.stderr
+    assert same_bytes(whole, killed)
+
+
+def test_more_trials_extend_a_campaign_as_if_they_had_been_asked_for_at_once(home: Home) -> None:
+    whole, _ = home.sweep("whole", 6, GRID)
+    home.sweep("grown", 2, GRID)
+    grown, heard = home.sweep("grown", 6, GRID)
+    assert (heard.total, heard.done, sum(heard.finished)) == (12, 4, 8)
+    assert same_bytes(whole, grown)
+    again, heard = home.sweep("grown", 6, GRID)
+    assert (heard.done, heard.finished) == (12, [])
+    assert same_bytes(whole, again)
+    with pytest.raises(CampaignError, match="campaign of 6 trials"):
+        home.sweep("grown", 5, GRID)
+
+
+def test_trials_may_begin_anywhere(home: Home) -> None:
+    whole, _ = home.sweep("whole", 5)
+    late, _ = home.sweep("late", 2, first_trial=3)
+    rows = table_of(whole)
+    assert table_of(late).equals(rows.filter(pc.greater_equal(rows["trial"], 3)))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"overrides": ["channel...failure=0.05,0.3"]}, "overrides"),
+        ({"seed": 8}, "seed: 7 there, 8 here"),
+        ({"first_trial": 1}, "first_trial: 0 there, 1 here"),
+    ],
+)
+def test_another_campaign_is_refused_in_its_directory(home: Home, change, told: str) -> None:
+    home.sweep("out", 1, GRID)
+    with pytest.raises(CampaignError, match=told):
+        home.sweep("out", 2, *change.pop("overrides", [GRID]), **change)
+
+
+def test_a_changed_topology_or_version_is_refused_with_what_has_changed(home: Home) -> None:
+    out, _ = home.sweep("out", 1)
+    text = (home.folder / "small.yaml").read_text()
+    (home.folder / "small.yaml").write_text(text.replace("std: 0.1", "std: 0.2"))
+    with pytest.raises(CampaignError, match="the topology: its file"):
+        home.sweep("out", 2)
+    (home.folder / "small.yaml").write_text(text)
+    facts = (out / "campaign.json").read_text()
+    numpy = facts_of(out)["versions"]["version.numpy"]
+    (out / "campaign.json").write_text(facts.replace(f'"{numpy}"', '"0.9"'))
+    with pytest.raises(CampaignError, match=r"version\.numpy: \"0\.9\" there"):
+        home.sweep("out", 2)
+
+
+def test_a_directory_with_something_else_is_refused(home: Home) -> None:
+    (home.folder / "full").mkdir()
+    (home.folder / "full" / "thesis.tex").write_text("")
+    with pytest.raises(CampaignError, match="holds something else"):
+        home.sweep("full", 1)
+
+
+def test_a_path_that_is_no_directory_is_refused(home: Home) -> None:
+    (home.folder / "file").write_text("")
+    with pytest.raises(CampaignError, match="file cannot be used"):
+        home.sweep("file", 1)
+
+
+def test_a_full_disk_is_told_and_the_campaign_goes_on_later(home: Home) -> None:
+    arguments = ["sweep", "small.yaml", "--trials", "2", "-j", "1", "--out", "out"]
+    room = 8192
+    done = subprocess.run(
+        [*COMMAND, *arguments],
+        cwd=home.folder,
+        env=environment(),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 3, done.stderr
+    assert "arrows cannot be written" in done.stderr
+    whole, _ = home.sweep("whole", 2)
+    later, _ = home.sweep("out", 2)
+    assert same_bytes(whole, later)
+
+
+def test_all_variants_are_checked_before_any_trial_and_all_errors_told_at_once(home: Home) -> None:
+    done = home.command(
+        *("sweep", "small.yaml", "--trials", "1", "--out", "out"),
+        *("--set", "channel...failure=0.1,7", "--set", "estimators.e1.method=kalmann,moody.py:Absent"),
+    )
+    assert done.returncode == 2
+    assert "kalmann" in done.stderr
+    assert "Absent" in done.stderr
+    assert "failure" in done.stderr
+    assert not (home.folder / "out").exists()
+
+
+def test_failed_trials_are_counted_with_their_reason_and_the_exit_code_tells(home: Home) -> None:
+    done = home.command(
+        *("sweep", "small.yaml", "--trials", "8", "-j", "1", "--out", "out", "--json"),
+        *("--set", "estimators.e1.method=./moody.py:Moody"),
+    )
+    assert done.returncode == 3, done.stderr
+    rows = table_of(home.folder / "out")
+    failed = rows.filter(pc.equal(rows["status"], "failed"))
+    assert 0 < failed.num_rows < 8
+    assert set(failed["message"].to_pylist()) == {"e1 failed in step 3: ValueError: not today"}
+    assert set(failed["node"].to_pylist()) == {""}
+    assert set(failed["rmse.state"].to_pylist()) == {None}
+    assert len({*rows["trial"].to_pylist()}) == 8
+    assert "not today" in (home.folder / "out" / "workers" / "1.log").read_text()
+
+
+def test_a_trial_that_kills_its_worker_is_tried_twice_and_recorded_as_failed(home: Home) -> None:
+    out, heard = home.sweep("out", 8, "estimators.e1={method: ./moody.py:Moody, temper: kill}", workers=2)
+    rows = table_of(out)
+    failed = rows.filter(pc.equal(rows["status"], "failed"))
+    raising, _ = home.sweep("raising", 8, "estimators.e1.method=./moody.py:Moody", workers=2)
+    foolish = table_of(raising)
+    foolish = foolish.filter(pc.equal(foolish["status"], "failed"))
+    assert failed["trial"].to_pylist() == foolish["trial"].to_pylist() != []
+    assert heard.failed == failed.num_rows
+    assert set(failed["message"].to_pylist()) == {"its worker was ended twice by SIGKILL (out of memory?)"}
+
+
+def test_ctrl_c_leaves_what_can_go_on_and_no_process(home: Home) -> None:
+    arguments = ["sweep", "small.yaml", "--trials", "400", "-j", "2", "--out", "out"]
+    process = subprocess.Popen(
+        [*COMMAND, *arguments],
+        cwd=home.folder,
+        env=environment(),
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    out = home.folder / "out"
+    try:
+        wait_until(lambda: len(list(out.glob("shards/*.arrows"))) >= 2, "there are shards")
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "give the command again with the same --out" in told
+    wait_until(lambda: not workers_of(out), "the workers are gone")
+    assert list(out.glob("shards/*.arrows"))
+
+
+def test_two_sweeps_do_not_share_a_directory(home: Home) -> None:
+    from orchestrator.campaign.directory import locked
+
+    with locked(home.folder / "out"), pytest.raises(CampaignError, match="another sweep is at work"):
+        home.sweep("out", 1)
+
+
+def test_timings_stand_beside_the_results_one_row_a_trial(home: Home) -> None:
+    import pyarrow.parquet as pq
+
+    out, _ = home.sweep("out", 3, GRID)
+    timing = pq.read_table(out / "timing.parquet").to_pydict()
+    assert list(zip(timing["variant"], timing["trial"], strict=True)) == [
+        (v, t) for v in range(2) for t in range(3)
+    ]
+    assert all(
+        0.0 < p50 <= p95 <= wall
+        for p50, p95, wall in zip(timing["step_p50_s"], timing["step_p95_s"], timing["wall_s"], strict=True)
+    )
+    assert set(timing["worker"]) == {"1"}

@@ -1,0 +1,115 @@
+"""`gauntlet compare`, from campaigns, runs and logs to verdicts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from orchestrator.campaign.sweep import Request, prepare, sweep
+from tests.orchestrator.command_line.conftest import SMALL, Command
+
+TRIALS = 10
+
+
+class Silent:
+    """Progress that nobody watches."""
+
+    def begin(self, total: int, done: int) -> None: ...
+
+    def advance(self, finished: int, failed: int) -> None: ...
+
+
+def campaign(directory: Path, name: str, *overrides: str) -> Path:
+    file = directory / "small.yaml"
+    file.write_text(SMALL)
+    return sweep(prepare(Request(file, TRIALS, overrides=overrides, out=directory / name)), Silent())
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign over the noise of the plant."""
+    return campaign(tmp_path_factory.mktemp("swept"), "swept", "plant.process_noise.std=0.2,3.0")
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return campaign(tmp_path_factory.mktemp("calm"), "calm", "attacks=null")
+
+
+def test_variants_of_one_campaign_are_compared_and_the_better_is_named(
+    gauntlet: Command, swept: Path
+) -> None:
+    answer = gauntlet("compare", swept)
+    assert answer.code == 0, answer.err
+    said = " ".join(answer.out.split())
+    assert "std=0.2 is better than" in said
+    assert "p = 0.002" in said
+    assert "10 common trials" in said
+    assert "median rmse.position" in said
+
+
+def test_programs_get_every_number(gauntlet: Command, swept: Path, tmp_path: Path) -> None:
+    out = tmp_path / "verdict.json"
+    metrics = ("--metric", "rmse.state", "--metric", "divergences")
+    told = gauntlet("compare", swept, *metrics, "--json", "--out", out).json()
+    assert told == json.loads(out.read_bytes())
+    assert [own["metric"] for own in told["comparisons"]] == ["rmse.state", "divergences"]
+    errors, divergences = told["comparisons"]
+    assert errors["verdict"] == "first is better"
+    assert errors["p"] == 2**-9
+    assert errors["p_adjusted"] == 2**-8  # two comparisons
+    assert errors["low"] <= errors["difference"] <= errors["high"] < 0.0
+    assert errors["trials"] == [TRIALS, TRIALS]
+    assert divergences["verdict"] == "identical"
+
+
+def test_estimators_side_by_side_are_compared_by_node_and_by_method(gauntlet: Command, swept: Path) -> None:
+    told = gauntlet("compare", f"{swept}#0", "--by", "node", "--json").json()
+    pairs = [(own["first"], own["second"]) for own in told["comparisons"]]
+    assert pairs == [("e1", "e2"), ("e1", "e3"), ("e2", "e3")]
+    assert told["comparisons"][0]["verdict"] == "first is better"  # e2 is the one under attack
+    answer = gauntlet("compare", f"{swept}#1", "--by", "method")
+    assert answer.code == 2
+    assert "name a second" in answer.err
+
+
+def test_two_campaigns_are_paired_by_seed_and_trial(gauntlet: Command, swept: Path, calm: Path) -> None:
+    told = gauntlet("compare", f"{swept}#plant.process_noise.std=0.2", calm, "--json").json()
+    (own,) = told["comparisons"]
+    assert own["paired"]
+    assert own["test"] == "Wilcoxon signed-rank"
+    assert own["verdict"] == "second is better"
+    assert [contender["path"] for contender in told["contenders"]] == [str(swept), str(calm)]
+
+
+def test_two_runs_are_too_few_and_it_says_so(gauntlet: Command, finished_run: Path) -> None:
+    answer = gauntlet("compare", finished_run, finished_run / "run.mcap", "--metric", "rmse.state")
+    assert answer.code == 0
+    assert "identical" in answer.out
+    told = gauntlet("compare", finished_run, "--by", "node", "--json").json()
+    assert {own["verdict"] for own in told["comparisons"]} == {"too few trials"}
+    assert told["comparisons"][0]["trials_needed"] == 7
+
+
+@pytest.mark.parametrize(
+    ("arguments", "cure"),
+    [
+        (["nowhere"], "give the directory of a run or a campaign"),
+        (["{swept}", "--metric", "rmse.positon"], "did you mean 'rmse.position'"),
+        (["{swept}#7", "{swept}#0"], "it has 0: plant.process_noise.std=0.2"),
+        (["{swept}", "{calm}"], "name one as in"),
+        (["{swept}", "--by", "colour"], "by node, method, variant, plant.process_noise.std"),
+        (["{calm}"], "name a second"),
+        (["{swept}", "--by", "node"], "name one as in"),
+        (["{swept}", "--out", "missing/verdict.json"], "choose another --out"),
+    ],
+)
+def test_what_cannot_be_compared_is_bad_input_with_its_cure(
+    gauntlet: Command, swept: Path, calm: Path, arguments: list[str], cure: str
+) -> None:
+    answer = gauntlet("compare", *(part.format(swept=swept, calm=calm) for part in arguments))
+    assert answer.code == 2
+    assert cure in answer.err
+    assert "Traceback" not in answer.err
