@@ -73,7 +73,7 @@ def _filled(table: pa.Table, columns: Sequence[str], place: Sequence[Ints], shap
     """Return an array with the values of some columns on its last axis; NaN where no row goes."""
     whole = np.full((*shape, len(columns)), np.nan)
     for i, column in enumerate(columns):
-        whole[(*place, i)] = table[column].to_numpy()
+        whole[..., i][tuple(place)] = table[column].to_numpy()
     return whole
 
 

@@ -131,7 +131,7 @@ class Gatherer:
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
         self.truth: dict[int, list[float]] = {}
-        self.estimates = array("q")  # seven numbers an estimate, see `take_estimate`
+        self.estimates = array("q")  # seven numbers an estimate, see `_take_estimate`
         self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
         senders: dict[tuple[str, str], list[str]] = {}
         for link in plan.links:
@@ -144,11 +144,11 @@ class Gatherer:
         self.counted = tuple(array("q") for _ in COUNTS[:-1])
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.takers: dict[type[Message], Callable[[str, Any], None]] = {
-            Truth: self.take_truth,
-            Estimate: self.take_estimate,
-            Inbox: self.take_inbox,
-            ChannelEvents: self.take_events,
-            Transmission: self.take_transmission,
+            Truth: self._take_truth,
+            Estimate: self._take_estimate,
+            Inbox: self._take_inbox,
+            ChannelEvents: self._take_events,
+            Transmission: self._take_transmission,
         }
 
     def take(self, topic: str, message: Message) -> None:
@@ -157,10 +157,10 @@ class Gatherer:
         if take is not None:
             take(topic, message)
 
-    def take_truth(self, topic: str, message: Truth) -> None:
+    def _take_truth(self, topic: str, message: Truth) -> None:
         self.truth[message.step] = message.state
 
-    def take_estimate(self, topic: str, message: Estimate) -> None:
+    def _take_estimate(self, topic: str, message: Estimate) -> None:
         name, step = _node(topic), message.step
         sizes = len(message.state), len(message.covariance)
         node = self.estimators[name]
@@ -176,7 +176,7 @@ class Gatherer:
             rows.mark.extend(message.detector_alarm)
             rows.value.extend(message.detector_statistic)
 
-    def take_inbox(self, topic: str, message: Inbox) -> None:
+    def _take_inbox(self, topic: str, message: Inbox) -> None:
         if not message.source:
             return
         node, phase = topic.split("/")[1:3]
@@ -192,13 +192,13 @@ class Gatherer:
         rows.sequence.extend(sequences)
         rows.value.extend(norms)
 
-    def take_transmission(self, topic: str, message: Transmission) -> None:
+    def _take_transmission(self, topic: str, message: Transmission) -> None:
         if message.sequence:
             _, node, stream = topic.split("/")
             if stream in (keys.MEASUREMENT, keys.EXCHANGE):
                 self.sent.extend((self.senders[node], message.step))
 
-    def take_events(self, topic: str, message: ChannelEvents) -> None:
+    def _take_events(self, topic: str, message: ChannelEvents) -> None:
         self.counted_link.extend(map(self.links.__getitem__, message.link))
         for total, name in zip(self.counted, COUNTS, strict=False):
             total.extend(getattr(message, name) or [0] * len(message.link))
