@@ -91,6 +91,6 @@ class Campaign:
     def __getattr__(self, name: str) -> NoReturn:
         """Tell where to find what only a run has."""
         if name in RECORDED:
-            cure = "replay one of its trials with its log, and load that"
+            cure = f"write the log of a trial with `gauntlet replay {self.path} --trial 0`, and load that"
             raise SourceError(f"{self.path} is a campaign, and keeps no {name}; {cure}")
         raise AttributeError(f"a campaign has no {name}; it has {', '.join(EVIDENCE)} and arrays")
