@@ -6,6 +6,7 @@ asks for the fixture.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -62,7 +63,7 @@ def topology(
         from orchestrator.topology.load import load_topology
 
         changes, here = tuple(overrides), request.path.parent
-        loaded = load_topology(here / file, changes, directory=here)
+        loaded = load_topology(os.path.normpath(here / file), changes, directory=here)
         chosen = (loaded.plan.seed,) if seeds is None else tuple(seeds)
         key = (here, loaded.path, loaded.hash, chosen, changes, backend)
         if key not in _gauntlet_trials:

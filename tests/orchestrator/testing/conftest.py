@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from xml.etree.ElementTree import Element, fromstring
 
@@ -76,6 +77,7 @@ class Overconfident(Kalman):
 '''
 
 
+ROOT = Path(__file__).parents[3]
 ATTRIBUTES = {
     "testsuites": {"name", "time", "tests", "failures", "errors"},
     "testsuite": {"name", "tests", "failures", "errors", "time", "skipped"},
@@ -105,6 +107,17 @@ def check_junit(document: bytes) -> Element:
         times = [float(case.attrib["time"]) for case in group.iter("testcase")]
         assert float(group.attrib["time"]) == pytest.approx(sum(times), abs=1e-3 * (len(times) + 1))
     return root
+
+
+def installed_plugin(site: Path) -> Path:
+    """Make a folder that declares the entry points of Gauntlet as an installation does; return it."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["pytest11"]
+    installed = site / "gauntlet_as_installed-1.dist-info"
+    installed.mkdir(parents=True)
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: gauntlet-as-installed\nVersion: 1\n")
+    points = "".join(f"{name} = {target}\n" for name, target in declared.items())
+    (installed / "entry_points.txt").write_text(f"[pytest11]\n{points}")
+    return site
 
 
 @pytest.fixture

@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
 
 from orchestrator.log.reader import read_log
-from tests.orchestrator.testing.conftest import ATTACKED, CALM, OVERCONFIDENT, RAISING
+from tests.orchestrator.testing.conftest import ATTACKED, CALM, OVERCONFIDENT, RAISING, installed_plugin
 
 pytest_plugins = ["pytester"]
 
@@ -85,12 +84,7 @@ def test_workers_of_xdist_run_tests_side_by_side(pytester: pytest.Pytester) -> N
 def test_installing_gauntlet_gives_pytest_the_fixture_and_costs_other_projects_nothing(
     pytester: pytest.Pytester,
 ) -> None:
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["pytest11"]
-    installed = pytester.path / "site" / "gauntlet_as_installed-1.dist-info"
-    installed.mkdir(parents=True)
-    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: gauntlet-as-installed\nVersion: 1\n")
-    points = "".join(f"{name} = {target}\n" for name, target in declared.items())
-    (installed / "entry_points.txt").write_text(f"[pytest11]\n{points}")
+    site = installed_plugin(pytester.path / "site")
     pytester.makepyfile(
         """
         import sys
@@ -101,7 +95,7 @@ def test_installing_gauntlet_gives_pytest_the_fixture_and_costs_other_projects_n
             assert not heavy & set(sys.modules)
         """
     )
-    environment = {"PATH": "/usr/bin:/bin", "PYTHONPATH": f"{installed.parent}:{ROOT}"}
+    environment = {"PATH": "/usr/bin:/bin", "PYTHONPATH": f"{site}:{ROOT}"}
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:hypothesispytest"],
         cwd=pytester.path,
