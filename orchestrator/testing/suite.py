@@ -181,7 +181,7 @@ def run_files(paths: Sequence[Path], options: Options, jobs: int = 1) -> Iterato
             yield _result_of(path, future)
     except BaseException:
         for process in active_children():
-            process.terminate()
+            process.kill()
         raise
     finally:
         pool.shutdown(wait=False, cancel_futures=True)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.orchestrator.command_line.conftest import ROOT, Command
+from tests.orchestrator.command_line.conftest import PATIENCE_S, ROOT, Command
 from tests.orchestrator.testing.conftest import RAISING, check_junit
 
 STRICT = "extends: small.yaml\nexpect: {rmse.position: {node: e1, at_most: 0.001}}\n"
@@ -90,3 +95,30 @@ def test_a_folder_of_this_repository_keeps_its_promises(gauntlet: Command) -> No
 def test_every_topology_of_this_repository_keeps_its_promises(gauntlet: Command) -> None:
     answer = gauntlet("test", ROOT / "topologies", "-j", "2")
     assert answer.code == 0, answer.out
+
+
+def test_a_signal_ends_the_suite_and_all_its_workers(
+    gauntlet_process: Callable[..., subprocess.Popen[str]], home: Path
+) -> None:
+    for name in ("long", "longer"):
+        (home / f"{name}.yaml").write_text("extends: small.yaml\nsteps: 50000\n")
+    suite = gauntlet_process("test", "long.yaml", "longer.yaml", "-j", "2", "--logs", "kept")
+    children = Path(f"/proc/{suite.pid}/task/{suite.pid}/children")
+    running = _eventually(
+        lambda: len(list(home.glob("kept/*/run.mcap"))) == 2 and children.read_text().split()
+    )
+    suite.send_signal(signal.SIGTERM)
+    _, said = suite.communicate(timeout=PATIENCE_S)
+    assert suite.returncode == 128 + signal.SIGTERM
+    assert "interrupted by SIGTERM" in said
+    assert len(running) >= 2
+    _eventually(lambda: not any(Path(f"/proc/{child}").exists() for child in running))
+
+
+def _eventually(condition: Callable[[], Any]) -> Any:
+    """Wait for something to be true, and return it."""
+    end = time.monotonic() + PATIENCE_S
+    while not (found := condition()):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    return found

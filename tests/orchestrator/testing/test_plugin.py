@@ -53,7 +53,7 @@ def write_project(home: Path, **tests: str) -> None:
 
 def test_good_filters_pass_and_bad_ones_fail_with_numbers_seeds_and_logs(pytester: pytest.Pytester) -> None:
     write_project(pytester.path, good=GOOD, bad=BAD)
-    result = pytester.runpytest_subprocess(*PLUGIN, timeout=90)
+    result = pytester.runpytest_subprocess(*PLUGIN, "-p", "xdist", "-n", "2", timeout=90)
     result.assert_outcomes(passed=2, failed=2)
     text = result.stdout.str()
     assert re.search(r"calm \(\S*checks/calm.yaml\), 20 seeds, 5 to 24:", text)
@@ -68,17 +68,6 @@ def test_good_filters_pass_and_bad_ones_fail_with_numbers_seeds_and_logs(pyteste
     assert re.search(r"TrialError: calm \(\S+\), seed 4: e2 failed in step 7: ArithmeticError", text)
     (partial,) = set(re.findall(r"log up to there: (\S+run\.mcap)", text))
     assert {payload.step for payload in read_log(Path(partial)).payloads()} >= set(range(7))
-
-
-def test_workers_of_xdist_run_tests_side_by_side(pytester: pytest.Pytester) -> None:
-    several = "".join(
-        f"def test_{i}(topology):\n    topology('calm.yaml', seeds=[{i}]).assert_rmse(at_most=0.0)\n"
-        for i in range(3)
-    )
-    write_project(pytester.path, several=several, good=GOOD)
-    result = pytester.runpytest_subprocess(*PLUGIN, "-p", "xdist", "-n", "2", timeout=90)
-    result.assert_outcomes(passed=2, failed=3)
-    assert len(list((pytester.path / "kept").glob("*/run.mcap"))) == 3
 
 
 def test_installing_gauntlet_gives_pytest_the_fixture_and_costs_other_projects_nothing(
