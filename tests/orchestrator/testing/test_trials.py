@@ -86,7 +86,7 @@ def test_one_seed_above_the_bound_fails_only_where_each_must_keep_it(calm_trials
 
 
 def test_a_consistent_filter_fails_at_no_more_than_the_stated_rate(make: Make) -> None:
-    """36 campaigns of 3 seeds at a false-alarm rate of 10 %: 13 or more failures have probability 5e-5."""
+    """36 campaigns of 3 seeds at a false-alarm rate of 10 %: 13 or more failures have probability 2.5e-5."""
     trials = make("calm.yaml", range(108), "steps=10", "expect=null")
     failed = 0
     for first in range(0, 108, 3):
