@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from orchestrator.evidence.rows import SCORED
+from orchestrator.handoff.evidence import bounded_groups
 from orchestrator.score.gather import Floats, Ints
 from orchestrator.score.scoring import Evidence
 from orchestrator.topology.resolved import Topology
@@ -80,8 +81,9 @@ def _filled(table: pa.Table, columns: Sequence[str], place: Sequence[Ints], shap
 def campaign_arrays(rows: pa.Table, groups: Sequence[str], attributes: dict[str, Any]) -> xr.Dataset:
     """Return the arrays of a campaign by ``variant``, ``trial``, ``node`` and ``step``.
 
-    ``error_norm`` has a further axis ``group``; ``nees``, ``nis``, ``nis_dof``, ``attacked`` and ``sent``
-    have none. NaN where a variant has no such node or step, and in trials that failed.
+    ``error_norm``, and ``bound`` where results have it, have a further axis ``group``; ``nees``, ``nis``,
+    ``nis_dof``, ``attacked`` and ``sent`` have none. NaN where a variant has no such node or step, and in
+    trials that failed.
     """
     import xarray as xr
 
@@ -98,13 +100,16 @@ def campaign_arrays(rows: pa.Table, groups: Sequence[str], attributes: dict[str,
     def series(column: str) -> Floats:
         whole = np.full(shape, np.nan)
         for i, j, k, values in zip(*places, held[column], strict=True):
-            own = values.values.to_numpy(zero_copy_only=False)
-            whole[i, j, k, : len(own)] = own
+            if values.is_valid:
+                own = values.values.to_numpy(zero_copy_only=False)
+                whole[i, j, k, : len(own)] = own
         return whole
 
     dims = (*axes, "step")
     variables: dict[str, Any] = {name: (dims, series(name)) for name in _FIGURES}
-    errors = [series(f"error.{group}") for group in groups]
-    variables["error_norm"] = ((*dims, "group"), np.stack(errors, axis=-1))
+    for name, column, known in (("error_norm", "error", groups), ("bound", "bound", bounded_groups(rows))):
+        if known:
+            stacked = np.stack([series(f"{column}.{group}") for group in groups], axis=-1)
+            variables[name] = ((*dims, "group"), stacked)
     coordinates: dict[str, Any] = {**axes, "step": np.arange(steps), "group": list(groups)}
     return xr.Dataset(variables, coords=coordinates, attrs=attributes)

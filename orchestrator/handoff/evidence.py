@@ -10,7 +10,7 @@ from orchestrator.handoff.frames import exploded
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_ERROR = "error."
+_ERROR, _BOUND = "error.", "bound."
 _FIGURES = ("nees", "nis", "nis_dof", "attacked", "sent")
 _PACKET, _WINDOW = "packet.", "window."
 
@@ -32,9 +32,19 @@ def _of_prefix(rows: pa.Table, prefix: str) -> dict[str, str]:
 
 
 def errors(rows: pa.Table, keys: Sequence[str], period_s: float | None = None) -> pa.Table:
-    """Return a row an estimator and step: the norm of its error in each state group, and other figures."""
+    """Return a row an estimator and step: the norm of its error in each state group, and other figures.
+
+    Where results have the posterior Cramer-Rao bound of a group, it is there as ``bound_<group>``.
+    """
     series = {**_of_prefix(rows, _ERROR), **{name: name for name in _FIGURES}}
+    series |= {f"{_BOUND}{name}": f"bound_{name}" for name in bounded_groups(rows)}
     return _with_time(exploded(rows, keys, series, counter="step"), keys, period_s)
+
+
+def bounded_groups(rows: pa.Table) -> list[str]:
+    """Return the state groups for which results have a bound at every step."""
+    groups = _of_prefix(rows, _ERROR).values()
+    return [group for group in groups if f"{_BOUND}{group}" in rows.column_names]
 
 
 def detections(rows: pa.Table, keys: Sequence[str], period_s: float | None = None) -> pa.Table:

@@ -6,7 +6,10 @@ import importlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from orchestrator.evidence.table import MissingPackageError
+from orchestrator.score.gather import Ints
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -46,7 +49,7 @@ def exploded(rows: pa.Table, keys: Sequence[str], series: Mapping[str, str], cou
     Parameters
     ----------
     rows
-        A table; the lists of a row have equal lengths or are null.
+        A table; the lists of a row have the length of its first series, or are null.
     keys
         Columns to repeat for each entry.
     series
@@ -54,21 +57,29 @@ def exploded(rows: pa.Table, keys: Sequence[str], series: Mapping[str, str], cou
     counter
         The name of a column that counts the entries of a row from 0; empty for none.
     """
-    import numpy as np
     import pyarrow as pa
     import pyarrow.compute as pc
 
     rows = rows.combine_chunks()
-    first = rows[next(iter(series))]
-    parents = pc.list_parent_indices(first).combine_chunks()
-    columns: dict[str, Any] = {name: rows[name].take(parents) for name in keys}
+    lengths = _lengths(rows, next(iter(series)))
+    row = np.repeat(np.arange(lengths.size), lengths)
+    place = np.arange(row.size) - (np.cumsum(lengths) - lengths)[row]
+    columns: dict[str, Any] = {name: rows[name].take(pa.array(row)) for name in keys}
     if counter:
-        lengths = pc.fill_null(pc.list_value_length(first), 0).to_numpy()
-        begins = np.repeat(np.cumsum(lengths) - lengths, lengths)
-        columns[counter] = pa.array(np.arange(begins.size) - begins, type=pa.int64())
+        columns[counter] = pa.array(place, type=pa.int64())
     for column, name in series.items():
-        columns[name] = pc.list_flatten(rows[column])
+        own = _lengths(rows, column)
+        missing = own[row] == 0
+        index = np.where(missing, 0, (np.cumsum(own) - own)[row] + place)
+        columns[name] = pc.list_flatten(rows[column]).take(pa.array(index, mask=missing))
     return pa.table(columns)
+
+
+def _lengths(rows: pa.Table, column: str) -> Ints:
+    """Return the length of each list of a column; 0 for null."""
+    import pyarrow.compute as pc
+
+    return np.asarray(pc.fill_null(pc.list_value_length(rows[column]), 0), dtype=np.int64)
 
 
 def frame(table: pa.Table, library: Library) -> Any:
