@@ -19,14 +19,14 @@ class RunDirectoryError(InputError):
     """The directory cannot be used; the message tells the cure."""
 
 
-def make_run_directory(out: Path | None, name: str, seed: int) -> Path:
+def make_run_directory(out: Path | None, name: str, seed: int, parent: Path = Path("runs")) -> Path:
     """Make and return the directory of a new run, with its folder for the nodes' logs.
 
-    Without ``out`` it is the first free ``runs/<name>-seed<seed>-<n>``. Raises `RunDirectoryError` when
+    Without ``out`` it is the first free ``<parent>/<name>-seed<seed>-<n>``. Raises `RunDirectoryError` when
     ``out`` holds a run already or cannot be written.
     """
     try:
-        directory = _first_free(Path("runs"), f"{name}-seed{seed}") if out is None else _chosen(out)
+        directory = _first_free(parent, f"{name}-seed{seed}") if out is None else _chosen(out)
         (directory / NODE_LOGS).mkdir(exist_ok=True)
     except OSError as error:
         raise RunDirectoryError(f"{error.filename}: {error.strerror}; choose another --out") from error

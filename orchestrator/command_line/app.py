@@ -23,6 +23,7 @@ from orchestrator.command_line.output import (
 from orchestrator.command_line.replay import replay
 from orchestrator.command_line.reproduce import reproduce
 from orchestrator.command_line.sweep import sweep
+from orchestrator.command_line.test import run_tests
 from orchestrator.errors import InputError
 from orchestrator.interrupts import Interrupted, raising_interrupts
 
@@ -53,6 +54,7 @@ app.command()(sweep)
 app.command()(compare)
 app.command()(replay)
 app.command()(reproduce)
+app.command("test")(run_tests)
 
 TopologyFile = Annotated[
     Path, typer.Argument(metavar="FILE", help="A topology file (YAML).", show_default=False)

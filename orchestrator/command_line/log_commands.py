@@ -52,7 +52,8 @@ def export(
     log: LogFile,
     out: Annotated[Path, typer.Option(help="The directory to write into.")],
     form: Annotated[
-        Literal["csv", "jsonl", "npz"], typer.Option("--format", help="CSV tables, JSON lines or NumPy.")
+        Literal["csv", "jsonl", "npz", "parquet"],
+        typer.Option("--format", help="CSV or Parquet tables, JSON lines or NumPy."),
     ] = "csv",
     json: Json = False,
 ) -> None:

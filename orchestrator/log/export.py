@@ -1,4 +1,4 @@
-"""Hands a log over to other tools: CSV tables, JSON lines, or NumPy arrays."""
+"""Hands a log over to other tools: CSV or Parquet tables, JSON lines, or NumPy arrays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, 
 from orchestrator.log.errors import LogError
 from orchestrator.log.reader import Log, read_log
 
-Format = Literal["csv", "jsonl", "npz"]
+Format = Literal["csv", "jsonl", "npz", "parquet"]
 Row = Sequence[Any]
 
 _COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
@@ -185,7 +185,28 @@ def _to_npz(log: Log, out: Path) -> list[Path]:
     return [path]
 
 
-_WRITERS: dict[str, Callable[[Log, Path], list[Path]]] = {"csv": _to_csv, "jsonl": _to_jsonl, "npz": _to_npz}
+def _to_parquet(log: Log, out: Path) -> list[Path]:
+    from orchestrator.handoff.frames import require
+
+    require("pyarrow")
+    import pyarrow.parquet as pq
+
+    from orchestrator.handoff.run import TABLES, Run
+
+    run = Run(log.path)
+    paths = [out / f"{name}.parquet" for name in TABLES]
+    for path in paths:
+        with path.open("xb") as stream:
+            pq.write_table(run.table(path.stem), stream)
+    return paths
+
+
+_WRITERS: dict[str, Callable[[Log, Path], list[Path]]] = {
+    "csv": _to_csv,
+    "jsonl": _to_jsonl,
+    "npz": _to_npz,
+    "parquet": _to_parquet,
+}
 
 
 def export(path: Path, form: Format, out: Path) -> list[Path]:
@@ -194,7 +215,7 @@ def export(path: Path, form: Format, out: Path) -> list[Path]:
     ``csv``: a table a kind (truth, estimates, detections, packets, links, events). ``jsonl``: one line a
     message, in ``messages.jsonl``. ``npz``: ``log.npz`` with ``step``, ``t`` (K,), ``truth`` (K, n), and by
     estimator ``estimate/e1``, ``sigma/e1`` (K, n), ``nis/e1``, ``refers_to/e1`` (K,); a row a step, NaN if
-    diverged.
+    diverged. ``parquet``: a typed table for each frame of `orchestrator.handoff.run.Run`.
     """
     if form not in _WRITERS:
         raise LogError(f"there is no format {form!r}; take one of {', '.join(get_args(Format))}")

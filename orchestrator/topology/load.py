@@ -41,7 +41,11 @@ __all__ = ["Problem", "Topology", "TopologyError", "find_problems", "load_topolo
 
 
 def load_topology(
-    path: Path | str, overrides: Iterable[str] = (), seed: int | None = None, trial: int | None = None
+    path: Path | str,
+    overrides: Iterable[str] = (),
+    seed: int | None = None,
+    trial: int | None = None,
+    directory: Path | None = None,
 ) -> Topology:
     """Return a topology that is ready to run.
 
@@ -53,6 +57,8 @@ def load_topology(
         Changes ``dotted.path=value``, applied in turn.
     seed, trial
         Replace those of the file; as the overrides ``seed=...`` and ``trial=...`` would.
+    directory
+        What relative paths in overrides refer to; None for the current directory.
 
     Raises
     ------
@@ -62,7 +68,7 @@ def load_topology(
     file = Path(path)
     stated = {"seed": seed, "trial": trial}
     numbers = [f"{key}={value}" for key, value in stated.items() if value is not None]
-    draft = _drafted(file, [*overrides, *numbers])
+    draft = _drafted(file, [*overrides, *numbers], directory)
     if is_base(file):
         runnable = [other.name for other in sorted(file.parent.glob("*.yaml")) if not is_base(other)]
         cure = f"run a file that extends it: {', '.join(runnable) or 'there is none beside it'}"
@@ -90,13 +96,13 @@ def is_base(file: Path) -> bool:
     return file.name.startswith("_")
 
 
-def _drafted(file: Path, overrides: Iterable[str]) -> Draft:
+def _drafted(file: Path, overrides: Iterable[str], directory: Path | None = None) -> Draft:
     """Return the merged topology with its sections checked one by one."""
     problems = Problems()
     merged = read_with_bases(file, problems)
     if merged is None:
         raise TopologyError(problems)
-    root = pruned(apply_overrides(merged, overrides, problems))
+    root = pruned(apply_overrides(merged, overrides, problems, directory))
     draft = Draft(root, problems, incomplete=is_base(file), sound=not len(problems))
     draft.check_sections()
     return draft

@@ -24,10 +24,15 @@ class _OverrideError(Exception):
     """An override cannot be applied: what is wrong, and the cure."""
 
 
-def apply_overrides(root: Entry, overrides: Iterable[str], problems: Problems) -> Entry:
-    """Return the topology with every ``path=value`` applied in turn; what cannot be applied is noted."""
+def apply_overrides(
+    root: Entry, overrides: Iterable[str], problems: Problems, directory: Path | None = None
+) -> Entry:
+    """Return the topology with every ``path=value`` applied in turn; what cannot be applied is noted.
+
+    Relative paths in values refer to ``directory``, the current one when it is None.
+    """
     for override in overrides:
-        origin = Origin(f"--set {override}", 0, Path.cwd())
+        origin = Origin(f"--set {override}", 0, directory or Path.cwd())
         path, separator, text = override.partition("=")
         if not separator or not path.strip():
             problems.add(

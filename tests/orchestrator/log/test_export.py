@@ -95,7 +95,7 @@ def test_nothing_is_overwritten(log_path: Path, tmp_path: Path, form: Any) -> No
 
 
 def test_an_unknown_format_is_told_with_the_known_ones(log_path: Path, tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="there is no format 'xlsx'; take one of csv, jsonl, npz"):
+    with pytest.raises(LogError, match="there is no format 'xlsx'; take one of csv, jsonl, npz, parquet"):
         export(log_path, "xlsx", tmp_path)
 
 

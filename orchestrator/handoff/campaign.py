@@ -1,0 +1,96 @@
+"""A campaign, loaded: frames and labelled arrays of all its trials."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from orchestrator.evidence.sources import Source, SourceError
+from orchestrator.evidence.table import SWEPT
+from orchestrator.handoff.columns import RECORDED
+from orchestrator.handoff.evidence import EVIDENCE
+from orchestrator.handoff.frames import Library, frame, require
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import xarray as xr
+
+_ERROR = "error."
+
+
+class Campaign:
+    """All trials of a campaign. What was recorded message by message is not kept: replay a trial for that.
+
+    Frames (polars or pandas): `results`, a row a trial and estimator; `errors`, a row also for each step;
+    `detections`, one for each packet judged; `windows`, one for each attack on a link. `arrays` is an
+    `xarray.Dataset` by variant, trial, node and step.
+    """
+
+    kind = "campaign"
+
+    def __init__(self, source: Source, library: Library) -> None:
+        self.path = source.path
+        self.name = source.name
+        self.library = library
+        self._source = source
+
+    def __repr__(self) -> str:
+        """Tell what was run."""
+        return f"<campaign {self.name} from {self.path}>"
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """What was run, with which versions."""
+        return self._source.provenance
+
+    @property
+    def topologies(self) -> tuple[Mapping[str, Any], ...]:
+        """The resolved topology of each variant, as plain data."""
+        return self._source.documents
+
+    @functools.cached_property
+    def results(self) -> Any:
+        """A row a trial and estimator: what was set, every metric, and whether the trial failed."""
+        return self._frame("results")
+
+    @functools.cached_property
+    def errors(self) -> Any:
+        """A row a trial, estimator and step: error norms by state group, ``nees``, ``nis``, ``attacked``."""
+        return self._frame("errors")
+
+    @functools.cached_property
+    def detections(self) -> Any:
+        """A row a packet that a detector may judge: ``statistic``, ``alarm``, and whether ``attacked``."""
+        return self._frame("detections")
+
+    @functools.cached_property
+    def windows(self) -> Any:
+        """A row an attack window on a link: its first and last step, and the ``delay`` of its detection."""
+        return self._frame("windows")
+
+    @functools.cached_property
+    def arrays(self) -> xr.Dataset:
+        """Arrays by ``variant``, ``trial``, ``node`` and ``step``, with their names as coordinates."""
+        require("xarray")
+        from orchestrator.handoff.arrays import campaign_arrays
+
+        rows = self._source.table
+        groups = [name.removeprefix(_ERROR) for name in rows.column_names if name.startswith(_ERROR)]
+        return campaign_arrays(rows, groups, {"name": self.name})
+
+    def table(self, name: str) -> pa.Table:
+        """Return one of the frames as an Arrow table."""
+        rows = self._source.table
+        swept = [column for column in rows.column_names if column.startswith(SWEPT)]
+        return EVIDENCE[name](rows, ("variant", "trial", "seed", *swept, "node", "method"), None)
+
+    def _frame(self, name: str) -> Any:
+        return frame(self.table(name), self.library)
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Tell where to find what only a run has."""
+        if name in RECORDED:
+            cure = f"write the log of a trial with `gauntlet replay {self.path} --trial 0`, and load that"
+            raise SourceError(f"{self.path} is a campaign, and keeps no {name}; {cure}")
+        raise AttributeError(f"a campaign has no {name}; it has {', '.join(EVIDENCE)} and arrays")

@@ -1,0 +1,200 @@
+"""Runs topology files as tests: every expectation of every file is a test case."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import shutil
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from multiprocessing import active_children, get_context
+from pathlib import Path
+
+from orchestrator import exit_codes
+from orchestrator.errors import InputError
+from orchestrator.run import Backend, NotBegunError, RunReport, run_topology
+from orchestrator.run_directory import LOG, RunDirectoryError, make_run_directory
+from orchestrator.score.results import Outcome
+from orchestrator.topology.load import is_base, load_topology
+from orchestrator.topology.problems import TopologyError
+from orchestrator.topology.resolved import Topology
+
+_ENDINGS = (".yaml", ".yml")
+_RESULTS = (LOG, "campaign.json")
+"""Files that tell a folder of results: the topologies in it are what was run, not tests."""
+_WORDS = {"<=": "at most", ">=": "at least", "==": "exactly"}
+_NAMES_SHOWN = 3
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the files are run; ``logs`` is where the logs of failing files are kept."""
+
+    logs: Path
+    backend: Backend = "inprocess"
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """One expectation and what became of it: ``message`` tells the numbers."""
+
+    title: str
+    passed: bool
+    message: str
+
+
+@dataclass(frozen=True)
+class FileResult:
+    """What became of a topology file.
+
+    Parameters
+    ----------
+    path
+        The file, as it was found.
+    cases
+        Its expectations; none when it states none, or when it came to no verdict.
+    error
+        Why it came to no verdict; empty when it did.
+    detail
+        What a failing run printed: a traceback, or what the nodes said.
+    exit_code
+        Of this file alone, as `orchestrator.exit_codes` has it.
+    log
+        The log of the run, kept when something failed.
+    seconds
+        Wall-clock time that it took.
+    """
+
+    path: Path
+    cases: tuple[Case, ...] = ()
+    error: str = ""
+    detail: str = ""
+    exit_code: int = exit_codes.PASSED
+    log: Path | None = None
+    seconds: float = 0.0
+
+    @property
+    def failures(self) -> tuple[Case, ...]:
+        """The expectations that did not hold."""
+        return tuple(case for case in self.cases if not case.passed)
+
+
+def title(outcome: Outcome) -> str:
+    """Return a name for an expectation: what is expected of what, without what was measured."""
+    names = [*outcome.nodes, *outcome.links]
+    shown = ", ".join(names[:_NAMES_SHOWN]) + (
+        f" and {len(names) - _NAMES_SHOWN} more" if len(names) > 3 else ""
+    )
+    return f"{outcome.metric} {_WORDS[outcome.relation]} {outcome.bound:g}{f' of {shown}' if names else ''}"
+
+
+def find_files(paths: Iterable[Path], pattern: str = "") -> list[Path]:
+    """Return the topology files that paths lead to: files as they are, folders with all below them.
+
+    In a folder, bases (``_*.yaml``), hidden folders and folders of results are passed over. With a
+    ``pattern``, only files whose path contains it remain (``*`` stands for any characters). Raises
+    `InputError` when a path leads to no file.
+    """
+    found: dict[Path, None] = {}
+    for path in paths:
+        files = _below(path) if path.is_dir() else [path]
+        if not path.exists():
+            raise InputError(f"{path} does not exist; name topology files, or folders that hold some")
+        if not files:
+            raise InputError(f"{path} holds no topology file: none ends in .yaml and begins with no '_'")
+        found.update(dict.fromkeys(files))
+    chosen = [path for path in found if fnmatchcase(path.as_posix(), f"*{pattern}*")]
+    if not chosen:
+        raise InputError(f"none of the {len(found)} files has '{pattern}' in its path; choose another -k")
+    return chosen
+
+
+def _below(folder: Path) -> list[Path]:
+    found = []
+    for parent, folders, names in os.walk(folder):
+        if any(name in names for name in _RESULTS):
+            folders.clear()
+            continue
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        files = [Path(parent, name) for name in names if name.endswith(_ENDINGS) and name[0] != "."]
+        found += [file for file in files if not is_base(file)]
+    return sorted(found)
+
+
+def run_file(path: Path, options: Options) -> FileResult:
+    """Run one file and hold its expectations against the score."""
+    began = time.perf_counter()
+    try:
+        topology = load_topology(path, seed=options.seed)
+    except TopologyError as error:
+        return FileResult(path, error=str(error), exit_code=exit_codes.BAD_INPUT, seconds=_since(began))
+    if not topology.expectations:
+        return FileResult(path, seconds=_since(began))
+    said = io.StringIO()
+    try:
+        directory = make_run_directory(None, topology.name, topology.plan.seed, parent=options.logs)
+        with contextlib.redirect_stderr(said):
+            report = run_topology(topology, directory, options.backend, lambda recorded: None)
+    except (NotBegunError, RunDirectoryError) as error:
+        return FileResult(path, error=str(error), exit_code=exit_codes.RUN_FAILED, seconds=_since(began))
+    return _result(path, topology, report, said.getvalue(), _since(began))
+
+
+def _since(began: float) -> float:
+    return time.perf_counter() - began
+
+
+def _result(path: Path, topology: Topology, report: RunReport, said: str, seconds: float) -> FileResult:
+    if report.exit_code == exit_codes.PASSED:
+        shutil.rmtree(report.directory)
+    log = report.directory / LOG
+    cases = tuple(Case(title(own), own.passed, own.message) for own in report.score.expectations)
+    if report.exit_code in (exit_codes.PASSED, exit_codes.EXPECTATION_FAILED):
+        kept = log if report.exit_code else None
+        return FileResult(path, cases, exit_code=report.exit_code, log=kept, seconds=seconds)
+    error = f"{topology.name}, seed {topology.plan.seed}: {report.message}"
+    return FileResult(path, (), error, said, report.exit_code, log, seconds)
+
+
+def run_files(paths: Sequence[Path], options: Options, jobs: int = 1) -> Iterator[FileResult]:
+    """Yield what became of each file, in their order; ``jobs`` of them run at a time.
+
+    An interrupted run is the last.
+    """
+    if jobs == 1:
+        for path in paths:
+            result = run_file(path, options)
+            yield result
+            if result.exit_code > exit_codes.RUN_FAILED:
+                return
+        return
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
+    try:
+        waiting = [pool.submit(run_file, path, options) for path in paths]
+        for path, future in zip(paths, waiting, strict=True):
+            yield _result_of(path, future)
+    except BaseException:
+        for process in active_children():
+            process.kill()
+        raise
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _result_of(path: Path, future: Future[FileResult]) -> FileResult:
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        error = "a worker process died; run this file alone with `gauntlet run`"
+        return FileResult(path, error=error, exit_code=exit_codes.RUN_FAILED)
+
+
+def exit_code(results: Iterable[FileResult]) -> int:
+    """Return the exit code of a suite: the largest of its files'."""
+    return max((result.exit_code for result in results), default=exit_codes.PASSED)

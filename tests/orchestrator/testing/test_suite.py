@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from orchestrator import exit_codes
+from orchestrator.errors import InputError
+from orchestrator.log.reader import read_log
+from orchestrator.testing.junit import junit_xml
+from orchestrator.testing.suite import FileResult, Options, exit_code, find_files, run_file, run_files
+from tests.orchestrator.testing.conftest import check_junit
+
+
+@pytest.fixture
+def options(tmp_path: Path) -> Options:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    return Options(logs)
+
+
+def test_a_folder_is_searched_to_its_depth_for_topologies_that_are_no_bases(tmp_path: Path) -> None:
+    wanted = ["a.yaml", "deep/c.yaml", "deep/er/b.yml"]
+    others = ["_base.yaml", ".git/d.yaml", "notes.txt", "runs/x-1/run.mcap", "runs/x-1/topology.yaml"]
+    others += ["out/campaign.json", "out/topologies/variant-000.yaml", ".hidden.yaml"]
+    for name in [*wanted, *others]:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    assert [path.relative_to(tmp_path).as_posix() for path in find_files([tmp_path])] == wanted
+    assert find_files([tmp_path / "a.yaml", tmp_path]) == find_files([tmp_path])
+    assert [path.name for path in find_files([tmp_path], "deep")] == ["c.yaml", "b.yml"]
+    assert [path.name for path in find_files([tmp_path], "d*c.y")] == ["c.yaml"]
+
+
+def test_paths_that_lead_to_no_file_are_refused(tmp_path: Path) -> None:
+    for paths, pattern, words in [
+        ([tmp_path / "none.yaml"], "", "does not exist"),
+        ([tmp_path], "", "holds no topology file"),
+        ([Path(__file__)], "qqq", "has 'qqq' in its path"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            find_files(paths, pattern)
+
+
+def test_a_file_that_keeps_its_promises_leaves_no_log(calm: Path, options: Options) -> None:
+    result = run_file(calm / "calm.yaml", options)
+    assert [case.passed for case in result.cases] == [True, True]
+    assert result.cases[1].title == "rmse.position at most 0.2 of e1, e2"
+    assert (result.error, result.exit_code, result.log) == ("", exit_codes.PASSED, None)
+    assert not list(options.logs.iterdir())
+
+
+def test_a_file_that_breaks_a_promise_tells_the_numbers_and_keeps_the_log(
+    calm: Path, options: Options
+) -> None:
+    bad = calm / "bad.yaml"
+    bad.write_text("extends: calm.yaml\nexpect: {rmse.position: {node: e1, at_most: 0.001}}\n")
+    result = run_file(bad, options)
+    assert result.exit_code == exit_codes.EXPECTATION_FAILED
+    (failure,) = result.failures
+    assert failure.message.startswith("rmse.position at most 0.001: 0.")
+    assert result.log is not None
+    assert read_log(result.log).complete
+
+
+def test_each_backend_gives_the_same_verdicts(calm: Path, options: Options) -> None:
+    by_backend = [
+        run_file(calm / "attacked.yaml", Options(options.logs, backend)).cases
+        for backend in ("inprocess", "processes")
+    ]
+    assert by_backend[0] == by_backend[1]
+    assert len(by_backend[0]) == 2
+
+
+def test_a_seed_replaces_that_of_the_file(calm: Path, options: Options) -> None:
+    strict = calm / "strict.yaml"
+    strict.write_text("extends: calm.yaml\nseed: 3\nexpect: {rmse.position: {node: e1, at_most: 0.001}}\n")
+    messages = {
+        seed: run_file(strict, Options(options.logs, seed=seed)).failures[0].message for seed in (None, 3, 4)
+    }
+    assert messages[None] == messages[3] != messages[4]
+
+
+def _many(folder: Path) -> list[Path]:
+    texts = {
+        "bad.yaml": "extends: calm.yaml\nexpect: {rmse.position: {node: e1, at_most: 0.001}}\n",
+        "broken.yaml": "extends: calm.yaml\nsteppes: 3\n",
+        "raises.yaml": "extends: calm.yaml\nestimators: {e2: {method: './raising.py:Raising'}}\n",
+        "silent.yaml": "extends: calm.yaml\nexpect: null\n",
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    return find_files([folder])
+
+
+def test_the_xml_holds_a_case_for_each_expectation_and_tells_failures_and_errors(
+    calm: Path, options: Options
+) -> None:
+    results = list(run_files(_many(calm), options))
+    root = check_junit(junit_xml(results))
+    suites = {Path(suite.attrib["name"]).name: suite for suite in root}
+    assert list(suites) == [
+        *("attacked.yaml", "bad.yaml", "broken.yaml", "calm.yaml", "raises.yaml", "silent.yaml")
+    ]
+    assert [case.attrib["name"] for case in suites["calm.yaml"]] == [
+        "divergences exactly 0",
+        "rmse.position at most 0.2 of e1, e2",
+    ]
+    (failure,) = suites["bad.yaml"].iter("failure")
+    assert "rmse.position at most 0.001: 0." in failure.attrib["message"]
+    assert "run.mcap" in str(failure.text)
+    (unread,) = suites["broken.yaml"].iter("error")
+    assert unread.attrib["type"] == "bad input"
+    assert "broken.yaml:2" in unread.attrib["message"]
+    (raised,) = suites["raises.yaml"].iter("error")
+    assert raised.attrib["type"] == "failed run"
+    assert "e2 failed in step 7: ArithmeticError: out of" in raised.attrib["message"]
+    assert "raising.py" in str(raised.text), "the traceback is there"
+    (skipped,) = suites["silent.yaml"].iter("skipped")
+    assert skipped.attrib["message"] == "it states none"
+    assert exit_code(results) == exit_codes.RUN_FAILED
+
+
+def test_several_at_a_time_come_to_the_same_results_in_the_same_order(calm: Path, options: Options) -> None:
+    files = _many(calm)
+    one, two = (list(run_files(files, options, jobs)) for jobs in (1, 2))
+    assert [(own.path, own.cases, own.exit_code) for own in one] == [
+        (own.path, own.cases, own.exit_code) for own in two
+    ]
+
+
+def test_the_exit_code_is_the_gravest() -> None:
+    results = [FileResult(Path("a.yaml"), exit_code=code) for code in (0, 2, 1)]
+    assert exit_code(results) == exit_codes.BAD_INPUT
+    assert exit_code([]) == exit_codes.PASSED

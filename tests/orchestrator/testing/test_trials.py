@@ -1,0 +1,209 @@
+"""What may be asserted of trials: it holds where it should, and fails with its numbers where not."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from orchestrator.log.reader import read_log
+from orchestrator.score_of_log import score_of_log
+from orchestrator.testing.trials import Trials, run_trials
+from orchestrator.topology.load import load_topology
+from tests.orchestrator.testing.conftest import ATTACKED, CALM, OVERCONFIDENT
+
+Make = Callable[..., Trials]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("trials")
+    for name, text in {
+        "calm.yaml": CALM,
+        "attacked.yaml": ATTACKED,
+        "overconfident.py": OVERCONFIDENT,
+    }.items():
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def make(folder: Path) -> Make:
+    def make(name: str, seeds: range, *overrides: str, backend: str = "inprocess") -> Trials:
+        loaded = load_topology(folder / name, overrides, directory=folder)
+        return run_trials(loaded, seeds, folder / "logs", backend, overrides, folder)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def calm_trials(make: Make) -> Trials:
+    return make("calm.yaml", range(10))
+
+
+def log_in(failure: pytest.ExceptionInfo[AssertionError]) -> Path:
+    """Return the log that a failed assertion points to."""
+    (path,) = re.findall(r"log of seed \d+: (\S+)", str(failure.value))
+    return Path(path)
+
+
+def test_a_score_from_memory_is_that_of_the_log(calm_trials: Trials) -> None:
+    logged, own = score_of_log(calm_trials.log(3)), calm_trials.scores[3]
+    assert [(node.groups, node.nees, node.nis) for node in logged.nodes] == [
+        (node.groups, node.nees, node.nis) for node in own.nodes
+    ]
+    assert (logged.seed, logged.links, logged.windows) == (own.seed, own.links, own.windows)
+    assert [outcome.message for outcome in logged.expectations] == [
+        outcome.message for outcome in own.expectations
+    ]
+    assert calm_trials.log(3) == calm_trials.log(3)
+
+
+def test_a_bound_that_is_too_tight_names_the_seeds_above_it(calm_trials: Trials) -> None:
+    calm_trials.assert_rmse("position", at_most=0.15)
+    with pytest.raises(
+        AssertionError, match=r"RMSE of position of e1 is 0\.0\S+, expected at most 0\.001"
+    ) as told:
+        calm_trials.assert_rmse("position", at_most=0.001, node="e1..e2")
+    blamed = re.search(r"above it alone, 10 of 10: (.*)", str(told.value))
+    assert blamed is not None
+    worst, figure = re.findall(r"seed (\d) \(([0-9.]+)\)", blamed[1])[0]
+    score = score_of_log(log_in(told))
+    assert str(score.seed) == worst
+    largest = max(node.groups["position"].rmse or 0.0 for node in score.nodes)
+    assert largest == max(node.groups["position"].rmse for own in calm_trials.scores for node in own.nodes)
+    assert largest == pytest.approx(float(figure), rel=1e-3)
+
+
+def test_one_seed_above_the_bound_fails_only_where_each_must_keep_it(calm_trials: Trials) -> None:
+    values = sorted(score.nodes[0].groups["position"].rmse or 0.0 for score in calm_trials.scores)
+    calm_trials.assert_rmse("position", at_most=values[-2], node="e1")
+    calm_trials.assert_rmse("position", at_most=values[-1], node="e1", each_seed=True)
+    with pytest.raises(AssertionError, match="above it alone, 1 of 10"):
+        calm_trials.assert_rmse("position", at_most=values[-2], node="e1", each_seed=True)
+
+
+def test_a_consistent_filter_fails_at_no_more_than_the_stated_rate(make: Make) -> None:
+    """36 campaigns of 3 seeds at a false-alarm rate of 10 %: 13 or more failures have probability 2.5e-5."""
+    trials = make("calm.yaml", range(108), "steps=10", "expect=null")
+    failed = 0
+    for first in range(0, 108, 3):
+        few = Trials(trials.topology, (), trials.trials[first : first + 3], trials.log, Path())
+        try:
+            few.assert_consistent(node="e1", false_alarm=0.1)
+        except AssertionError:
+            failed += 1
+    assert failed < 13
+
+
+@pytest.mark.parametrize(("factor", "low", "high"), [(4.0, 2.5, 9.0), (0.2, 0.01, 0.6)])
+def test_covariances_that_lie_are_found_on_either_side(
+    make: Make, factor: float, low: float, high: float
+) -> None:
+    method = f"estimators.e2={{method: './overconfident.py:Overconfident', factor: {factor}}}"
+    trials = make("calm.yaml", range(5, 25), method)
+    trials.assert_consistent(node="e1")
+    with pytest.raises(
+        AssertionError, match=r"ANEES of e2 over its degrees of freedom is \S+ at step"
+    ) as told:
+        trials.assert_consistent(false_alarm=1e-3)
+    (ratio,) = re.findall(r"degrees of freedom is (\S+) at", str(told.value))
+    assert low < float(ratio) < high
+    assert "e1" not in str(told.value)
+    assert "false-alarm rate of this assertion: 0.001" in str(told.value)
+
+
+def test_a_filter_that_publishes_nothing_to_judge_by_is_not_called_consistent(
+    make: Make, folder: Path
+) -> None:
+    (folder / "mute.py").write_text(
+        "import numpy as np\nfrom nodes.contract import Belief\n"
+        "from nodes.estimators.kalman import Kalman\n\n\n"
+        "class Mute(Kalman):\n    def estimate(self, step):\n"
+        "        return Belief(state=super().estimate(step).state, covariance=np.zeros((3, 3)))\n"
+    )
+    trials = make("calm.yaml", range(2), "estimators.e2.method=./mute.py:Mute")
+    with pytest.raises(AssertionError, match="e2 publishes neither a usable covariance nor NIS"):
+        trials.assert_consistent()
+
+
+def test_a_filter_that_diverges_is_neither_accurate_nor_consistent(make: Make) -> None:
+    trials = make("calm.yaml", range(2), "score.divergence_bound=1e-6", "expect=null")
+    with pytest.raises(AssertionError, match="RMSE of state of e1 is without bound"):
+        trials.assert_rmse(at_most=1e9)
+    with pytest.raises(AssertionError, match="e1 diverged at seed 0, 1"):
+        trials.assert_consistent()
+
+
+def test_attacks_are_found_in_time_or_told_where_they_were_not(
+    make: Make, folder: Path, calm_trials: Trials
+) -> None:
+    trials = make("attacked.yaml", range(6))
+    trials.assert_detects_within(0, share=0.9)
+    trials.assert_detects_within(5, link="s1->e1")
+    blind = make("attacked.yaml", range(6), "estimators.e1.threshold=1e9")
+    with pytest.raises(AssertionError) as told:
+        blind.assert_detects_within(5, share=0.5)
+    assert "0 of 6 attacks (0) were found within 5 steps, expected a share of 0.5" in str(told.value)
+    assert "found too late: seed 0 (s1->e1 from step 20: never)" in str(told.value)
+    assert f"again, in {folder}: gauntlet run attacked.yaml" in str(told.value)
+    assert "--seed 0 --set 'estimators.e1.threshold=1e9'" in str(told.value)
+    with pytest.raises(AssertionError, match="no attack met a detector"):
+        calm_trials.assert_detects_within(5)
+
+
+def test_an_attack_that_the_end_cut_off_tells_nothing_either_way(make: Make) -> None:
+    trials = make("attacked.yaml", range(3), "attacks[0].steps=[37, 39]", "estimators.e1.threshold=1e9")
+    with pytest.raises(AssertionError, match="no attack met a detector for 3 steps; 3 were cut off"):
+        trials.assert_detects_within(3)
+    with pytest.raises(AssertionError, match="0 of 3 attacks"):
+        trials.assert_detects_within(2)
+
+
+def test_expectations_and_metrics_hold_or_fail_at_every_seed(make: Make, calm_trials: Trials) -> None:
+    calm_trials.assert_passes()
+    calm_trials.assert_metric("packets.lost", equals=0)
+    with pytest.raises(
+        AssertionError, match=r"packets.sent at least 1000: 80 .*at the worst of 10 of 10 seeds"
+    ):
+        calm_trials.assert_metric("packets.sent", at_least=1000)
+    strict = make("calm.yaml", range(3), "expect.rmse.position.at_most=0.001")
+    with pytest.raises(
+        AssertionError, match=r"rmse.position at most 0.001: 0.* worst of 3 of 3 seeds"
+    ) as told:
+        strict.assert_passes()
+    assert not score_of_log(log_in(told)).passed
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda trials: trials.assert_rmse("positon", at_most=1.0), "did you mean 'rmse.position'"),
+        (lambda trials: trials.assert_rmse(at_most=1.0, node="e7"), "there is no estimator 'e7'"),
+        (lambda trials: trials.assert_detects_within(3, link="s7->e1"), "there is no link 's7->e1'"),
+        (lambda trials: trials.assert_metric("packets.lost"), "give at_most, at_least or equals"),
+        (lambda trials: trials.assert_consistent(false_alarm=2.0), "a probability between 0 and 1"),
+        (lambda trials: trials.log(11), "seed 11 was not run"),
+    ],
+)
+def test_an_assertion_that_cannot_be_meant_says_how_to_mend_it(
+    calm_trials: Trials, call: Callable[[Trials], object], words: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)):
+        call(calm_trials)
+
+
+def test_trials_without_seeds_or_expectations_are_refused(make: Make) -> None:
+    with pytest.raises(ValueError, match="give at least one"):
+        make("calm.yaml", range(0))
+    with pytest.raises(ValueError, match="states no expectation"):
+        make("calm.yaml", range(1), "expect=null").assert_passes()
+
+
+def test_both_backends_give_the_same_scores_and_logs(make: Make) -> None:
+    one, many = (make("attacked.yaml", range(1), backend=backend) for backend in ("inprocess", "processes"))
+    assert one.scores == many.scores
+    assert one.log(0).read_bytes() == many.log(0).read_bytes()
+    assert read_log(many.log(0)).complete
