@@ -1,0 +1,124 @@
+"""Pieces of figures that several themes use: lines, bands, shaded attacks, axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from orchestrator.report.contents import Layout, Trace
+from orchestrator.report.thinning import stretches_of
+from orchestrator.score.gather import Bools, Floats, Ints
+
+ATTACK_NAME = "an attack is on"
+
+
+def line(x: Ints | Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
+    """Return a line; further keys go into its ``line`` when Plotly's lines have them, else into the trace."""
+    style = {key: more.pop(key) for key in ("width", "dash") if key in more}
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": x,
+        "y": y,
+        "name": name,
+        "line": {"color": colour, "width": 1.8, **style},
+        **more,
+    }
+
+
+def band(x: Ints | Floats, low: Floats, high: Floats, name: str, colour: str, **more: Any) -> list[Trace]:
+    """Return a filled band between two lines; it has no hover of its own."""
+    common = {
+        "type": "scatter",
+        "mode": "lines",
+        "x": x,
+        "line": {"width": 0, "color": colour},
+        "hoverinfo": "skip",
+        "legendgroup": name,
+        **more,
+    }
+    return [
+        {**common, "y": low, "showlegend": False},
+        {**common, "y": high, "name": name, "fill": "tonexty", "fillcolor": colour},
+    ]
+
+
+def attack_shapes(marks: Bools, rows: int = 1) -> list[dict[str, Any]]:
+    """Return the shading of the steps that are marked, over all rows of a figure."""
+    return [
+        {
+            "type": "rect",
+            "xref": "x",
+            "yref": "paper",
+            "x0": first - 0.5,
+            "x1": last + 0.5,
+            "y0": 0,
+            "y1": 1,
+            "line": {"width": 0},
+            "fillcolor": "$attack/18",
+            "layer": "below",
+        }
+        for first, last in stretches_of(marks)
+    ]
+
+
+def attack_key() -> Trace:
+    """Return a trace without points that puts the shading into the legend."""
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [None],
+        "y": [None],
+        "name": ATTACK_NAME,
+        "marker": {"symbol": "square", "size": 11, "color": "$attack/35"},
+        "hoverinfo": "skip",
+    }
+
+
+def step_axis(period_s: float) -> dict[str, Any]:
+    """Return the axis of steps, which tells how long one is."""
+    return {"title": {"text": f"step (of {period_s:g} s)"}, "rangemode": "tozero", "zeroline": False}
+
+
+def value_axis(title: str, **more: Any) -> dict[str, Any]:
+    """Return an axis of values."""
+    return {"title": {"text": title}, **more}
+
+
+def log_axis(title: str, values: Sequence[Floats] = ()) -> dict[str, Any]:
+    """Return a logarithmic axis with few, plain labels; it spans at most nine decades of what is positive."""
+    axis: dict[str, Any] = {
+        "title": {"text": title},
+        "type": "log",
+        "exponentformat": "power",
+        "dtick": 1,
+        "nticks": 8,
+    }
+    positive = [v[np.isfinite(v) & (v > 0)] for v in values]
+    positive = [v for v in positive if v.size]
+    if positive:
+        low, high = min(float(v.min()) for v in positive), max(float(v.max()) for v in positive)
+        top = np.log10(high) + 0.15
+        axis["range"] = [max(np.log10(low) - 0.15, top - 9.0), top]
+        axis["dtick"] = max(1, int(np.ceil((top - axis["range"][0]) / 7.0)))
+        if top - axis["range"][0] < 1.5:
+            axis.pop("dtick")
+    return axis
+
+
+def stacked(titles: Sequence[str], shares: Sequence[float], period_s: float, gap: float = 0.07) -> Layout:
+    """Return the layout of rows that share the axis of steps: from the top, each with its share of height."""
+    layout: Layout = {"hovermode": "x unified"}
+    scale = (1.0 - gap * (len(titles) - 1)) / sum(shares)
+    top = 1.0
+    for row, (title, share) in enumerate(zip(titles, shares, strict=True), start=1):
+        bottom = max(top - share * scale, 0.0)
+        layout["yaxis" if row == 1 else f"yaxis{row}"] = {
+            "title": {"text": title},
+            "domain": [round(bottom, 4), round(top, 4)],
+        }
+        top = bottom - gap
+    layout["xaxis"] = {**step_axis(period_s), "anchor": "free" if len(titles) > 1 else "y", "position": 0.0}
+    return layout

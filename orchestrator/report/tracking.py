@@ -1,0 +1,154 @@
+"""Truth against estimates, and how far they are apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from orchestrator.report.contents import Choice, Figure, Trace, View
+from orchestrator.report.lines import (
+    attack_key,
+    attack_shapes,
+    band,
+    line,
+    log_axis,
+    stacked,
+    step_axis,
+    value_axis,
+)
+from orchestrator.report.palette import series_style
+from orchestrator.report.recording import Recording
+from orchestrator.report.thinning import POINTS, in_order, kept, leading_nodes
+from orchestrator.score.accuracy import root_mean_square
+
+PAIRS = 240
+"""Most pairs of node and component that the tracking figure holds."""
+
+VALUES = 150_000
+"""Points that all pairs of the tracking figure may have together."""
+
+LINES = 24
+"""Most estimators that have a line of their own in the figure of errors."""
+
+SHOWN = 6
+"""Estimators whose lines are shown at first."""
+
+
+def _tracking_traces(recording: Recording, node: int, component: int, most: int) -> list[Trace]:
+    """Return the traces of one estimator and component: the values above, the error below."""
+    truth, state = recording.truth[:, component], recording.state[node, :, component]
+    sigma = recording.sigma[node, :, component]
+    chosen = kept(state - truth, most)
+    x, reach = chosen, 2.0 * sigma[chosen]
+    low, high = state[chosen] - reach, state[chosen] + reach
+    hover = "%{y:.4g}"
+    below = {"yaxis": "y2", "showlegend": False}
+    error = line(x, (state - truth)[chosen], "estimate", "$blue", hovertemplate="error %{y:.4g}", **below)
+    return [
+        *band(x, low, high, "estimate ± 2σ", "$blue/22"),
+        line(x, truth[chosen], "truth", "$ink", width=2.2, hovertemplate=hover),
+        line(x, state[chosen], "estimate", "$blue", dash="dash", hovertemplate=hover),
+        *band(x, -reach, reach, "estimate ± 2σ", "$blue/22", **below),
+        {**error, "legendgroup": "estimate"},
+    ]
+
+
+def tracking_figure(recording: Recording, notes: list[str]) -> Figure:
+    """Return truth and estimates with 2-sigma bands, one estimator and component at a time."""
+    components, names = recording.components, recording.names
+    most_nodes = max(PAIRS // max(len(components), 1), 1)
+    leading = leading_nodes(recording.score, most_nodes)
+    chosen = in_order(leading, names)
+    most = int(np.clip(VALUES // max(len(chosen) * len(components), 1), 300, POINTS))
+    if len(chosen) < len(names):
+        notes.append(
+            f"Truth against estimates: {len(chosen)} of {len(names)} estimators can be chosen, the attacked, "
+            "the worst and the best first."
+        )
+    if recording.plan.steps > most:
+        notes.append(
+            f"Truth against estimates: of {recording.plan.steps:,} steps about {most:,} a line are drawn, "
+            "the smallest and the largest error of each stretch among them."
+        )
+    views: dict[tuple[str, ...], View] = {}
+    for name in chosen:
+        node = names.index(name)
+        shapes = attack_shapes(recording.attacked[node])
+        key = [attack_key()] if recording.attacked.any() else []
+        for component, label in enumerate(components):
+            views[name, str(component)] = View(
+                [*_tracking_traces(recording, node, component, most), *key],
+                {"shapes": shapes, "yaxis": {"title": {"text": label}}},
+            )
+    marks = {node.name: " (attacked)" if node.attacked_steps else "" for node in recording.score.nodes}
+    return Figure(
+        name="tracking",
+        title="Truth and estimate, and the error of it",
+        views=views,
+        layout=stacked(["value", "error"], [0.6, 0.4], recording.plan.period_s),
+        choices=(
+            Choice("Estimator", [(name, f"{name}{marks[name]}") for name in chosen], leading[0]),
+            Choice("Component", [(str(i), label) for i, label in enumerate(components)], "0"),
+        ),
+        text="The band is what the estimator itself believes: two standard deviations around its estimate. An "
+        "honest one holds the truth in about 95 % of the steps. Shaded: an attacked packet reached this "
+        "estimator, or an attack the plant.",
+        height=470,
+    )
+
+
+def error_figure(recording: Recording, notes: list[str]) -> Figure:
+    """Return the error norms of all estimators over time, by state group."""
+    names, groups = recording.names, list(recording.errors.norm)
+    leading = leading_nodes(recording.score, LINES)
+    drawn = in_order(leading, names)
+    if len(drawn) < len(names):
+        notes.append(f"Errors over time: lines of {len(drawn)} of {len(names)} estimators.")
+    if recording.plan.steps > POINTS:
+        notes.append(f"Errors over time: smallest and largest of each stretch, {POINTS:,} points a line.")
+    shown = {*leading[:SHOWN]}
+    views = {}
+    for group in groups:
+        norm = recording.errors.norm[group]
+        traces = []
+        for number, name in enumerate(drawn):
+            values = norm[names.index(name)]
+            at = kept(values)
+            style = series_style(number)
+            trace = line(at, values[at], name, style["color"], dash=style["dash"], width=1.5)
+            traces.append(
+                {
+                    **trace,
+                    "hovertemplate": "%{y:.4g}",
+                    "visible": True if name in shown else "legendonly",
+                }
+            )
+        if len(names) > 1:
+            whole = root_mean_square(norm, recording.errors.alive, axis=0)
+            at = kept(whole)
+            traces.append(
+                line(at, whole[at], "RMS of all", "$ink", width=2.8, dash="solid", hovertemplate="%{y:.4g}")
+            )
+        key = [attack_key()] if recording.attacked.any() else []
+        views[(group,)] = View(
+            [*traces, *key],
+            {"yaxis": _error_axis(group, norm), "shapes": attack_shapes(recording.attacked.any(axis=0))},
+        )
+    choices = [(group, "whole state" if group == "state" else group) for group in groups]
+    return Figure(
+        name="errors",
+        title="Error norm over time",
+        views=views,
+        layout={"xaxis": step_axis(recording.plan.period_s), "hovermode": "x unified"},
+        choices=(Choice("State group", choices, groups[0]),),
+        text="Euclidean distance between estimate and truth in a group of the state's components. Shaded: an "
+        "attack on any of the estimators, or on the plant. The names below switch lines on and off.",
+        height=400,
+    )
+
+
+def _error_axis(group: str, norm: np.ndarray) -> dict[str, object]:  # type: ignore[type-arg]
+    known = norm[np.isfinite(norm) & (norm > 0)]
+    label = f"error of {'the state' if group == 'state' else group}"
+    if known.size and known.max() > 200.0 * np.median(known):
+        return log_axis(label, [known])
+    return value_axis(label, rangemode="tozero")
