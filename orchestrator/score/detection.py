@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from bus.plan import Plan
-from orchestrator.score.gather import Bools, Gathered, Ints, Packets
+from orchestrator.score.gather import Bools, Floats, Gathered, Ints, Packets
 from orchestrator.score.results import AttackWindow, Confusion, Lockout
 
 
@@ -22,15 +22,17 @@ from orchestrator.score.results import AttackWindow, Confusion, Lockout
 class Judgement:
     """Deliveries, sorted by (link, step, sequence), with their fates; and what else detection needs.
 
-    ``judged`` (L,) marks links on which some verdict was given. ``hits`` are attacked deliveries by stage, on
-    the links from those in whose names they came; ``hit_alarm`` tells whether each was rejected; ``alarms``
-    are the alarms, each at the step in which it was raised.
+    ``statistic`` is the test statistic of the verdict on each, NaN where there is none. ``judged`` (L,) marks
+    links on which some verdict was given. ``hits`` are attacked deliveries by stage, on the links from those
+    in whose names they came; ``hit_alarm`` tells whether each was rejected; ``alarms`` are the alarms, each
+    at the step in which it was raised.
     """
 
     link: Ints
     step: Ints
     attacked: Bools
     alarm: Bools
+    statistic: Floats
     judged: Bools
     hits: Packets
     hit_alarm: Bools
@@ -81,8 +83,8 @@ def _joined(one: Packets, other: Packets) -> Packets:
     return Packets(*(np.concatenate([getattr(one, f.name), getattr(other, f.name)]) for f in fields(Packets)))
 
 
-def _paired(alarm: Bools, delivery_code: Ints, verdict_code: Ints, mark: Bools) -> Bools:
-    """Return the alarms with the verdicts given one by one where several deliveries have one code.
+def _paired(verdict: Ints, delivery_code: Ints, verdict_code: Ints) -> Ints:
+    """Return the verdicts by delivery, given one by one where several deliveries have one code.
 
     They are taken in the order of the inbox, where a step holds as many verdicts as deliveries of a code.
     """
@@ -90,12 +92,12 @@ def _paired(alarm: Bools, delivery_code: Ints, verdict_code: Ints, mark: Bools) 
     judged, verdicts = np.unique(verdict_code, return_counts=True)
     several = np.intersect1d(codes[counts > 1], judged)
     if not several.size:
-        return alarm
+        return verdict
     fits = counts[np.searchsorted(codes, several)] == verdicts[np.searchsorted(judged, several)]
     of, by = (np.argsort(code, kind="stable") for code in (delivery_code, verdict_code))
     of, by = of[np.isin(delivery_code[of], several[fits])], by[np.isin(verdict_code[by], several[fits])]
-    paired = alarm.copy()
-    paired[of] = mark[by]
+    paired = verdict.copy()
+    paired[of] = by
     return paired
 
 
@@ -123,7 +125,7 @@ def _injected(plan: Plan, gathered: Gathered) -> tuple[Bools, Ints, Ints]:
 
 def _known_by(receiver: Ints, packets: Packets) -> list[tuple[int, int, float]]:
     """Return (receiver, sequence, norm) of some packets."""
-    columns = (receiver[packets.link], packets.sequence, packets.norm)
+    columns = (receiver[packets.link], packets.sequence, packets.value)
     return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
@@ -134,8 +136,9 @@ def judge(plan: Plan, gathered: Gathered) -> Judgement:
     delivery_code, verdict_code, event_code = _codes(gathered, steps)
     order = np.lexsort((~verdicts.mark, verdict_code))
     judged_in_time, at = _after(delivery_code, verdict_code[order], steps)
-    alarm = judged_in_time & np.append(verdicts.mark[order], False)[at]
-    alarm = _paired(alarm, delivery_code, verdict_code, verdicts.mark)
+    verdict = np.where(judged_in_time, np.append(order, -1)[at], -1)
+    verdict = _paired(verdict, delivery_code, verdict_code)
+    alarm = np.append(verdicts.mark, False)[verdict]
     attack = events.mark
     attacked = _before(delivery_code, np.sort(event_code[attack]), steps)
     by_code = np.argsort(delivery_code, kind="stable")
@@ -155,6 +158,7 @@ def judge(plan: Plan, gathered: Gathered) -> Judgement:
         step=deliveries.step[order],
         attacked=(attacked | injected)[order],
         alarm=alarm[order],
+        statistic=np.append(verdicts.value, np.nan)[verdict[order]],
         judged=judged,
         hits=hits,
         hit_alarm=alarm[landed],

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bus import keys
 from bus.integrity import Gate
-from bus.messages import ChannelEvents, Estimate, Inbox, Message, Truth
+from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
 from bus.packets import packets_of_inbox
 from bus.plan import Plan
 from orchestrator.errors import InputError
@@ -53,8 +53,8 @@ class Packets:
     """Rows that concern one packet each: ``link`` (its index in the plan, -1: none), ``step``, ``sequence``.
 
     ``mark`` is True for a verdict that raised the alarm and for an event that attacked (False: lost);
-    ``stage`` is the index of the stage that acted (-1: not one of the plan). ``norm`` is the Euclidean norm
-    of the payload of a delivery and of an injection (NaN: not told).
+    ``stage`` is the index of the stage that acted (-1: not one of the plan). ``value`` is the Euclidean norm
+    of the payload of a delivery and of an injection, and the test statistic of a verdict (NaN: not told).
     """
 
     link: Ints
@@ -62,7 +62,7 @@ class Packets:
     sequence: Ints
     mark: Bools
     stage: Ints
-    norm: Floats
+    value: Floats
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,8 @@ class Gathered:
     """A record as arrays. ``counts`` (8, L) holds by link the packets that `COUNTS` names.
 
     ``deliveries`` are the packets that receivers let in, each filed under the link from its source; an
-    injection stands under the link that it was made on, which may carry it in another node's name.
+    injection stands under the link that it was made on, which may carry it in another node's name. ``sent``
+    (nodes, K) counts the slots with a packet that each node of the plan sent, measurements and exchanges.
     """
 
     truth_present: Bools
@@ -80,6 +81,7 @@ class Gathered:
     events: Packets
     injections: Packets
     counts: Ints
+    sent: Ints
 
 
 COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
@@ -98,15 +100,15 @@ class _Rows:
 
     def __init__(self) -> None:
         self.link, self.step, self.sequence, self.mark, self.stage = (array("q") for _ in range(5))
-        self.norm = array("d")
+        self.value = array("d")
 
     def packets(self) -> Packets:
         """Return the rows as arrays; columns that were never filled are False or -1."""
         link, step, sequence = (_integers(column) for column in (self.link, self.step, self.sequence))
         mark = _integers(self.mark).astype(bool) if self.mark else np.zeros(link.size, dtype=bool)
         stage = _integers(self.stage) if self.stage else np.full(link.size, -1)
-        norm = np.array(self.norm) if self.norm else np.full(link.size, np.nan)
-        return Packets(link, step, sequence, mark, stage, norm)
+        value = np.array(self.value) if self.value else np.full(link.size, np.nan)
+        return Packets(link, step, sequence, mark, stage, value)
 
 
 def _integers(column: array[int]) -> Ints:
@@ -136,6 +138,8 @@ class _Gatherer:
             senders.setdefault((link.destination, keys.phase_of(link.stream)), []).append(link.source)
         self.gates = {place: Gate(plan, sources) for place, sources in senders.items()}
         self.deliveries, self.verdicts, self.events, self.injections = (_Rows() for _ in range(4))
+        self.senders = _Index({name: i for i, name in enumerate(plan.node_names)})
+        self.sent = array("q")  # pairs (sender, step)
         self.counted_link = array("q")
         self.counted = tuple(array("q") for _ in COUNTS[:-1])
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
@@ -157,6 +161,7 @@ class _Gatherer:
             rows.step.extend([step] * len(message.detector_source))
             rows.sequence.extend(message.detector_sequence)
             rows.mark.extend(message.detector_alarm)
+            rows.value.extend(message.detector_statistic)
 
     def take_inbox(self, topic: str, message: Inbox) -> None:
         if not message.source:
@@ -172,7 +177,13 @@ class _Gatherer:
         rows.link.extend(map(self.incoming[node].__getitem__, sources))
         rows.step.extend([message.step] * len(sources))
         rows.sequence.extend(sequences)
-        rows.norm.extend(norms)
+        rows.value.extend(norms)
+
+    def take_transmission(self, topic: str, message: Transmission) -> None:
+        if message.sequence:
+            _, node, stream = topic.split("/")
+            if stream in (keys.MEASUREMENT, keys.EXCHANGE):
+                self.sent.extend((self.senders[node], message.step))
 
     def take_events(self, topic: str, message: ChannelEvents) -> None:
         self.counted_link.extend(map(self.links.__getitem__, message.link))
@@ -194,7 +205,7 @@ class _Gatherer:
                 rows.mark.append(is_false)
             elif action == "injected":
                 rows = self.injections
-                rows.norm.append(size)
+                rows.value.append(size)
             else:
                 continue
             rows.link.append(self.links[link])
@@ -212,6 +223,7 @@ class _Gatherer:
             events=self.events.packets(),
             injections=self.injections.packets(),
             counts=self._counts(),
+            sent=self._sent(),
         )
 
     def _truth(self) -> Floats:
@@ -260,6 +272,14 @@ class _Gatherer:
         covariance[node[has], step[has]] = np.array(self.covariance).reshape(has.sum(), n, n)
         return Estimates(present, declared, error, covariance, nis, nis_dof)
 
+    def _sent(self) -> Ints:
+        sender, step = _integers(self.sent).reshape(-1, 2).T
+        if sender.size and not (sender.min() >= 0 and step.min() >= 0 and step.max() < self.plan.steps):
+            raise ScoreError(f"the record holds slots of a node or step outside the plan's {self.plan.steps}")
+        sent = np.zeros((len(self.senders), self.plan.steps), dtype=np.int64)
+        np.add.at(sent, (sender, step), 1)
+        return sent
+
     def _counts(self) -> Ints:
         link = _integers(self.counted_link)
         acts = (self.events, self.injections, self.deliveries)
@@ -296,6 +316,7 @@ def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:
         Estimate: gatherer.take_estimate,
         Inbox: gatherer.take_inbox,
         ChannelEvents: gatherer.take_events,
+        Transmission: gatherer.take_transmission,
     }
     for topic, message in records:
         take = takers.get(type(message))

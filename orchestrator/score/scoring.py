@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
@@ -28,23 +29,45 @@ from orchestrator.score.detection import (
     total_confusion,
 )
 from orchestrator.score.expectation import Expectation
-from orchestrator.score.gather import Bools, Gathered, gather
+from orchestrator.score.gather import Bools, Floats, Gathered, gather
 from orchestrator.score.judging import judge_expectations
 from orchestrator.score.results import LinkScore, NodeScore, Score, ScoreOptions
 from orchestrator.score.traffic import traffic
 
 
-def _node_scores(
-    plan: Plan, gathered: Gathered, errors: Errors, attacked: Bools, options: ScoreOptions
-) -> list[NodeScore]:
+@dataclass(frozen=True)
+class Evidence:
+    """What a score is computed from, as arrays by estimator and step (N, K).
+
+    ``attacked`` marks the steps in which an attacked packet reached an estimator, or an attack the plant.
+    ``nees`` is NaN from an estimator's divergence on, and where there is none.
+    """
+
+    gathered: Gathered
+    errors: Errors
+    judgement: Judgement
+    attacked: Bools
+    nees: Floats
+
+
+def _find_evidence(
+    plan: Plan, gathered: Gathered, state_groups: Mapping[str, Sequence[int]], options: ScoreOptions
+) -> Evidence:
     estimates = gathered.estimates
+    errors = find_errors(estimates, state_groups, options.divergence_bound)
+    judgement = judge(plan, gathered)
+    figures = nees(estimates.error, estimates.covariance, errors.alive)
+    return Evidence(gathered, errors, judgement, attacked_steps(plan, judgement), figures)
+
+
+def _node_scores(plan: Plan, evidence: Evidence, options: ScoreOptions) -> list[NodeScore]:
+    estimates, errors, attacked = evidence.gathered.estimates, evidence.errors, evidence.attacked
     steps = np.arange(plan.steps) >= options.from_step
     groups = group_errors(errors, steps, attacked)
     counted = errors.alive & steps
     with_state = counted & ~np.isnan(estimates.error).any(axis=2)
-    figures = nees(estimates.error, estimates.covariance, with_state)
-    dof = np.full(figures.shape, estimates.error.shape[2])
-    nees_rows = consistency(figures, dof, counted, options.confidence)
+    dof = np.full(counted.shape, estimates.error.shape[2])
+    nees_rows = consistency(evidence.nees, dof, counted, options.confidence)
     nis_rows, nis_hit, nis_spared = (
         consistency(estimates.nis, estimates.nis_dof, rows, options.confidence)
         for rows in (counted, counted & attacked, counted & ~attacked)
@@ -76,13 +99,12 @@ def _silent_from(plan: Plan, name: str) -> int | None:
     return step if step < plan.steps else None
 
 
-def _measured(
-    plan: Plan, gathered: Gathered, judgement: Judgement, errors: Errors, options: ScoreOptions
-) -> Score:
+def _measured(plan: Plan, evidence: Evidence, options: ScoreOptions) -> Score:
     """Return the score before its expectations are judged."""
+    gathered, judgement = evidence.gathered, evidence.judgement
     names = [estimator.name for estimator in plan.estimators]
     counted = np.arange(plan.steps) >= options.from_step
-    nodes = _node_scores(plan, gathered, errors, attacked_steps(plan, judgement), options)
+    nodes = _node_scores(plan, evidence, options)
     by_link, total = traffic(gathered)
     links = [
         LinkScore(
@@ -107,7 +129,7 @@ def _measured(
         passed=complete,
         nodes=nodes,
         networks=[
-            network_score(members, names, gathered.estimates, errors, counted)
+            network_score(members, names, gathered.estimates, evidence.errors, counted)
             for members in find_networks(plan.estimators)
         ],
         links=links,
@@ -149,10 +171,24 @@ def score(
     ScoreError
         The record cannot belong to the plan, or an expectation names a metric that does not exist.
     """
+    result, _ = score_with_evidence(
+        plan, records, state_groups=state_groups, options=options, expectations=expectations
+    )
+    return result
+
+
+def score_with_evidence(
+    plan: Plan,
+    records: Iterable[tuple[str, Message]],
+    *,
+    state_groups: Mapping[str, Sequence[int]],
+    options: ScoreOptions | None = None,
+    expectations: Sequence[Expectation] = (),
+) -> tuple[Score, Evidence]:
+    """Return the score of a run as `score` does, and what it was computed from."""
     options = options or ScoreOptions()
-    gathered = gather(plan, records)
-    errors = find_errors(gathered.estimates, state_groups, options.divergence_bound)
-    measured = _measured(plan, gathered, judge(plan, gathered), errors, options)
+    evidence = _find_evidence(plan, gather(plan, records), state_groups, options)
+    measured = _measured(plan, evidence, options)
     outcomes = judge_expectations(measured, expectations, state_groups)
     passed = measured.complete and all(outcome.passed for outcome in outcomes)
-    return msgspec.structs.replace(measured, expectations=outcomes, passed=passed)
+    return msgspec.structs.replace(measured, expectations=outcomes, passed=passed), evidence

@@ -1,0 +1,1 @@
+"""What runs prove: one row an estimator of every trial, and the statistics over such rows."""

@@ -1,0 +1,177 @@
+"""From a record to rows: one row an estimator, the same for a single run and for a trial of a campaign.
+
+Scalars are None where undefined and infinite where unbounded, as in `orchestrator.score.measure`. Series and
+other lists are arrays, one entry a step, a packet or an attack window; NaN where there is nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bus.keys import EXCHANGE
+from bus.messages import Message
+from bus.plan import EstimatorPlan, Plan
+from orchestrator.score.catalogue import find_metric, metric_names
+from orchestrator.score.measure import measure
+from orchestrator.score.results import AttackWindow, Score
+from orchestrator.score.scoring import Evidence, score_with_evidence
+from orchestrator.topology.resolved import Topology
+
+SCORED, FAILED = "scored", "failed"
+
+Row = dict[str, Any]
+"""A row by column; what each column means stands in `orchestrator.evidence.table`."""
+
+
+def trial_rows(topology: Topology, records: Iterable[tuple[str, Message]]) -> list[Row]:
+    """Return the rows of one run, one an estimator in the plan's order; ``variant`` is 0.
+
+    Parameters
+    ----------
+    topology
+        What was run. That of a log names methods as topologies do (``kalman``); one that is ready to run by
+        their classes.
+    records
+        The record: (topic, message) pairs, from a log or from memory.
+    """
+    plan, groups = topology.plan, topology.state_groups
+    score, evidence = score_with_evidence(
+        plan,
+        records,
+        state_groups=groups,
+        options=topology.score_options,
+        expectations=topology.expectations,
+    )
+    facts = _facts(plan) | {"status": SCORED, "passed": score.passed, "complete": score.complete}
+    deviation = _disagreement(score)
+    scalars = _scalars(score, groups)
+    by_node = _packets(plan, evidence)
+    return [
+        {
+            **facts,
+            "node": node.name,
+            "method": node.method,
+            "network": network,
+            "divergence_step": node.divergence_step,
+            **{name: values.get(node.name) for name, values in scalars.items()},
+            **_series(plan, evidence, i),
+            "disagreement_by_step": deviation[network],
+            **by_node[i],
+            **_windows(score, node.name),
+        }
+        for i, (node, network) in enumerate(zip(score.nodes, _networks(score), strict=True))
+    ]
+
+
+def failed_row(plan: Plan, message: str) -> Row:
+    """Return the one row of a trial that came to no score."""
+    return _facts(plan) | {"status": FAILED, "message": message, "passed": False, "complete": False}
+
+
+def _facts(plan: Plan) -> Row:
+    return {"variant": 0, "trial": plan.trial, "seed": plan.seed, "node": "", "method": "", "message": ""}
+
+
+def _networks(score: Score) -> list[int]:
+    network = {member: number for number, own in enumerate(score.networks) for member in own.members}
+    return [network[node.name] for node in score.nodes]
+
+
+def _disagreement(score: Score) -> list[np.ndarray[Any, np.dtype[np.float64]]]:
+    return [np.array(network.disagreement_by_step, dtype=np.float64) for network in score.networks]
+
+
+def _scalars(score: Score, groups: Collection[str]) -> dict[str, dict[str, float | None]]:
+    """Return every metric that has one value for an estimator, its incoming links or its network, by node.
+
+    Metrics of attack windows stand in the rows' own columns for windows.
+    """
+    found: dict[str, dict[str, float | None]] = {}
+    for name in scalar_names(groups):
+        metric = find_metric(name, groups)
+        assert metric is not None
+        values = {node.name: measure(score, name, metric, nodes=[node.name]) for node in score.nodes}
+        found[name] = {node: _scalar(value) for node, ((_, value),) in values.items()}
+    return found
+
+
+def scalar_names(groups: Collection[str]) -> list[str]:
+    """Return the metrics that have one value for an estimator, given the plant's state groups."""
+    scopes = {name: find_metric(name, groups) for name in metric_names(groups)}
+    return [name for name, metric in scopes.items() if metric is not None and metric.scope != "window"]
+
+
+def _scalar(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _series(plan: Plan, evidence: Evidence, i: int) -> Row:
+    """Return what estimator i showed at every step."""
+    estimates, own = evidence.gathered.estimates, plan.estimators[i]
+    senders = _senders(plan, own)
+    numbers = [plan.node_names.index(name) for name in senders]
+    dof = estimates.nis_dof[i]
+    return {
+        **{f"error.{group}": norm[i] for group, norm in evidence.errors.norm.items()},
+        "nees": evidence.nees[i],
+        "nis": np.where(dof > 0, estimates.nis[i], np.nan),
+        "nis_dof": dof,
+        "attacked": evidence.attacked[i],
+        "sent": evidence.gathered.sent[numbers].sum(axis=0),
+        "slots": sum(senders.values()),
+    }
+
+
+def _senders(plan: Plan, own: EstimatorPlan) -> dict[str, int]:
+    """Return whose sending serves an estimator, its sensors' and its own, with their slots in a step."""
+    senders = dict.fromkeys(own.sensors, 1)
+    is_heard = any(link.source == own.name for link in plan.links_of(EXCHANGE))
+    return {**senders, own.name: own.rounds} if is_heard else senders
+
+
+def _packets(plan: Plan, evidence: Evidence) -> list[Row]:
+    """Return by estimator the packets that reached it on links on which some verdict was given."""
+    judgement = evidence.judgement
+    receivers = {link.destination for link in plan.links}
+    numbers = {name: number for number, name in enumerate(sorted(receivers))}
+    receiver = np.array([numbers[link.destination] for link in plan.links], dtype=np.int64)
+    names = np.array([link.name for link in plan.links], dtype=object)
+    judged = judgement.judged[judgement.link]
+    rows = []
+    for estimator in plan.estimators:
+        mine = judged & (receiver[judgement.link] == numbers.get(estimator.name, -1))
+        rows.append(
+            {
+                "packet.step": judgement.step[mine],
+                "packet.link": names[judgement.link[mine]],
+                "packet.statistic": judgement.statistic[mine],
+                "packet.attacked": judgement.attacked[mine],
+                "packet.alarm": judgement.alarm[mine],
+            }
+        )
+    return rows
+
+
+def _windows(score: Score, node: str) -> Row:
+    """Return the attack windows on the links into a node."""
+    incoming = {link.name for link in score.links if link.destination == node}
+    windows = [window for window in score.windows if window.link in incoming]
+    columns: Mapping[str, Sequence[Any]] = {
+        "link": [window.link for window in windows],
+        "stage": [window.stage for window in windows],
+        "first": [window.first for window in windows],
+        "last": [window.last for window in windows],
+        "judged": [window.judged for window in windows],
+        "delay": [math.nan if window.delay is None else float(window.delay) for window in windows],
+        "end": [_end(window, score) for window in windows],
+    }
+    return {f"window.{name}": values for name, values in columns.items()}
+
+
+def _end(window: AttackWindow, score: Score) -> int:
+    """Return the last step in which an alarm could have counted as the detection of an attack window."""
+    return min(window.last + score.options.detection_grace, score.steps - 1)

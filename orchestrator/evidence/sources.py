@@ -1,0 +1,114 @@
+"""Where evidence comes from: a run's log or a campaign's results, opened in one way."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from orchestrator.errors import InputError
+from orchestrator.evidence.table import require_pyarrow, schema, table
+from orchestrator.run_directory import LOG
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+RESULTS = "results.parquet"
+CAMPAIGN = "campaign.json"
+TOPOLOGIES = "topologies"
+
+
+class SourceError(InputError):
+    """There is nothing to read; the text names the place and the cure."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Rows and where they come from.
+
+    Parameters
+    ----------
+    kind
+        A single run, or a campaign.
+    name
+        The name of the topology that was run.
+    path
+        The log of a run, or the directory of a campaign.
+    provenance
+        What was run with which versions: the facts of the log, or those of ``campaign.json``.
+    """
+
+    kind: Literal["run", "campaign"]
+    name: str
+    path: Path
+    provenance: Mapping[str, Any]
+
+    @functools.cached_property
+    def table(self) -> pa.Table:
+        """The rows, as `orchestrator.evidence.table` describes their columns."""
+        return _table_of_log(self.path) if self.kind == "run" else _table_of_campaign(self.path)
+
+    @functools.cached_property
+    def documents(self) -> tuple[Mapping[str, Any], ...]:
+        """The resolved topology of each variant as plain data; that of a run is its only one."""
+        if self.kind == "run":
+            from orchestrator.log.reader import read_log
+
+            return (read_log(self.path, check=False).topology["topology"],)
+        from ruamel.yaml import YAML
+
+        reader = YAML(typ="safe", pure=True)
+        return tuple(reader.load(file) for file in sorted((self.path / TOPOLOGIES).glob("*.yaml")))
+
+
+def load_source(path: Path | str) -> Source:
+    """Open a run directory, a log (``.mcap``) or a campaign directory.
+
+    Raises
+    ------
+    InputError
+        There is none of these, it cannot be read, or a package for reading it is missing.
+    """
+    require_pyarrow()
+    given = Path(path)
+    if given.name == RESULTS:
+        given = given.parent
+    if given.is_dir() and (given / CAMPAIGN).is_file():
+        return _campaign(given)
+    log = given / LOG if given.is_dir() else given
+    if not log.is_file():
+        cure = "give the directory of a run or a campaign, or a log (.mcap)"
+        raise SourceError(f"{given} holds no run and no campaign; {cure}")
+    from orchestrator.log.reader import read_log
+
+    opened = read_log(log, check=False)
+    return Source("run", opened.provenance["name"], log, opened.provenance)
+
+
+def _campaign(directory: Path) -> Source:
+    if not (directory / RESULTS).is_file():
+        raise SourceError(
+            f"{directory} is an unfinished campaign; "
+            "give its 'gauntlet sweep' again, which goes on where it ended"
+        )
+    facts = json.loads((directory / CAMPAIGN).read_bytes())
+    return Source("campaign", facts["name"], directory, facts)
+
+
+def _table_of_log(log: Path) -> pa.Table:
+    from orchestrator.evidence.rows import trial_rows
+    from orchestrator.log.reader import read_log
+    from orchestrator.topology.experiment import topology_from_experiment
+
+    opened = read_log(log, check=False)
+    topology = topology_from_experiment(opened.topology_json)
+    return table(trial_rows(topology, opened.records()), schema(topology.state_groups))
+
+
+def _table_of_campaign(directory: Path) -> pa.Table:
+    import pyarrow.parquet as pq
+
+    return pq.read_table(directory / RESULTS)
