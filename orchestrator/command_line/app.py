@@ -19,6 +19,7 @@ from orchestrator.command_line.output import (
     run_progress,
     verdict_console,
 )
+from orchestrator.command_line.report import report
 from orchestrator.errors import InputError
 from orchestrator.interrupts import Interrupted, raising_interrupts
 
@@ -45,6 +46,7 @@ app = typer.Typer(
 )
 app.add_typer(log_commands.app, name="log")
 app.command()(fit)
+app.command()(report)
 
 TopologyFile = Annotated[
     Path, typer.Argument(metavar="FILE", help="A topology file (YAML).", show_default=False)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from orchestrator.report.contents import Choice, Figure, Trace, View
-from orchestrator.report.lines import attack_key, attack_shapes, line, log_axis, stacked
+from orchestrator.report.lines import attack_key, attack_shapes, band, line, log_axis, stacked
 from orchestrator.report.recording import Recording
 from orchestrator.report.thinning import POINTS, in_order, kept, leading_nodes
 from orchestrator.score.consistency import chi_square_bounds
@@ -27,17 +27,20 @@ def _bounded(
     bounds = chi_square_bounds(np.maximum(dof[at], 1), confidence)
     low, high = (np.where(dof[at] > 0, bound, np.nan) for bound in bounds)
     first = axis == "y"
-    edge = {"name": f"{100 * confidence:g} % bounds", "colour": "$muted", "width": 1.4, "dash": "dot"}
-    return [
-        line(at, high, hovertemplate="upper bound %{y:.3g}", showlegend=first, yaxis=axis, **edge),
-        line(at, low, hovertemplate="lower bound %{y:.3g}", showlegend=False, yaxis=axis, **edge),
+    inside = f"{100 * confidence:g} % of a consistent one"
+    traces = [
+        *band(at, low, high, inside, "$slate/22", yaxis=axis),
         line(at, shown[at], name, "$blue" if first else "$green", yaxis=axis, hovertemplate="%{y:.4g}"),
-    ], [shown, low, high]
+    ]
+    if not first:
+        traces[1]["showlegend"] = False
+    return traces, [shown, low, high]
 
 
 def over_time_figure(recording: Recording, notes: list[str]) -> Figure | None:
     """Return NEES and NIS of one estimator at a time within their bounds; None when nobody gave either."""
-    has_nees, has_nis = np.isfinite(recording.nees).any(axis=1), (recording.nis_dof > 0).any(axis=1)
+    estimates, nees = recording.evidence.gathered.estimates, recording.evidence.nees
+    has_nees, has_nis = np.isfinite(nees).any(axis=1), (estimates.nis_dof > 0).any(axis=1)
     names = recording.names
     usable = [name for i, name in enumerate(names) if has_nees[i] or has_nis[i]]
     leading = [name for name in leading_nodes(recording.score, len(names)) if name in usable][:MOST_NODES]
@@ -52,8 +55,8 @@ def over_time_figure(recording: Recording, notes: list[str]) -> Figure | None:
     for name in in_order(leading, names):
         node = names.index(name)
         dof = np.full(recording.plan.steps, recording.truth.shape[1])
-        upper, upper_values = _bounded(recording.nees[node], dof, confidence, "NEES", "y")
-        lower, lower_values = _bounded(recording.nis[node], recording.nis_dof[node], confidence, "NIS", "y2")
+        upper, upper_values = _bounded(nees[node], dof, confidence, "NEES", "y")
+        lower, lower_values = _bounded(estimates.nis[node], estimates.nis_dof[node], confidence, "NIS", "y2")
         key = [attack_key()] if recording.attacked.any() else []
         views[(name,)] = View(
             [*upper, *lower, *key],
@@ -70,9 +73,9 @@ def over_time_figure(recording: Recording, notes: list[str]) -> Figure | None:
         views=views,
         layout=stacked(["NEES", "NIS"], [0.5, 0.5], recording.plan.period_s),
         choices=(Choice("Estimator", options, leading[0]),),
-        text=f"Squared errors in units of what the estimator believes, on logarithmic axes. A consistent one "
-        f"stays between the dotted lines in {100 * confidence:g} % of the steps; above them it is too sure of "
-        "itself, below too careful.",
+        text="Squared errors in units of what the estimator believes, on logarithmic axes. A consistent one "
+        f"stays within the grey band in {100 * confidence:g} % of the steps; above, it is too "
+        "sure of itself, below too careful.",
         height=440,
     )
 
@@ -119,7 +122,7 @@ def summary_figure(recording: Recording) -> Figure:
             "xaxis": {"type": "category", "title": {"text": "estimator"}},
             "shapes": [{**one, "line": {"color": "$muted", "width": 1.4, "dash": "dot"}}],
         },
-        text="1 (dotted) is consistent; 4 means errors twice as large as believed, 0.25 half as large. Errors of "
-        "neighbouring steps are alike, so one run's mean NEES is a hint and no verdict.",
+        text="1 (dotted) is consistent; 4 means errors twice as large as believed, 0.25 half as large. "
+        "Errors of neighbouring steps are alike, so one run's mean NEES is a hint and no verdict.",
         height=300,
     )

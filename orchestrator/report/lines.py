@@ -45,8 +45,9 @@ def band(x: Ints | Floats, low: Floats, high: Floats, name: str, colour: str, **
     ]
 
 
-def attack_shapes(marks: Bools, rows: int = 1) -> list[dict[str, Any]]:
-    """Return the shading of the steps that are marked, over all rows of a figure."""
+def attack_shapes(marks: Bools) -> list[dict[str, Any]]:
+    """Return the shading of the steps that are marked, over all rows; fainter where most are."""
+    colour = "$attack/18" if marks.mean() < 0.5 else "$attack/8"
     return [
         {
             "type": "rect",
@@ -57,7 +58,7 @@ def attack_shapes(marks: Bools, rows: int = 1) -> list[dict[str, Any]]:
             "y0": 0,
             "y1": 1,
             "line": {"width": 0},
-            "fillcolor": "$attack/18",
+            "fillcolor": colour,
             "layer": "below",
         }
         for first, last in stretches_of(marks)
@@ -89,23 +90,37 @@ def value_axis(title: str, **more: Any) -> dict[str, Any]:
 
 def log_axis(title: str, values: Sequence[Floats] = ()) -> dict[str, Any]:
     """Return a logarithmic axis with few, plain labels; it spans at most nine decades of what is positive."""
-    axis: dict[str, Any] = {
-        "title": {"text": title},
-        "type": "log",
-        "exponentformat": "power",
-        "dtick": 1,
-        "nticks": 8,
-    }
+    axis: dict[str, Any] = {"title": {"text": title}, "type": "log", "minor": {"ticks": ""}}
     positive = [v[np.isfinite(v) & (v > 0)] for v in values]
     positive = [v for v in positive if v.size]
-    if positive:
-        low, high = min(float(v.min()) for v in positive), max(float(v.max()) for v in positive)
-        top = np.log10(high) + 0.15
-        axis["range"] = [max(np.log10(low) - 0.15, top - 9.0), top]
-        axis["dtick"] = max(1, int(np.ceil((top - axis["range"][0]) / 7.0)))
-        if top - axis["range"][0] < 1.5:
-            axis.pop("dtick")
-    return axis
+    if not positive:
+        return axis
+    low, high = min(float(v.min()) for v in positive), max(float(v.max()) for v in positive)
+    top = float(np.log10(high)) + 0.12
+    bottom = max(float(np.log10(low)) - 0.12, top - 9.0)
+    ticks = _log_ticks(bottom, top)
+    return axis | {
+        "range": [bottom, top],
+        "tickvals": ticks,
+        "ticktext": [_tick_text(tick) for tick in ticks],
+    }
+
+
+def _tick_text(tick: float) -> str:
+    if 1e-4 < tick < 1e5:
+        return f"{tick:.10g}"
+    lead, _, power = f"{tick:.0e}".partition("e")
+    return f"{'' if lead == '1' else lead + '·'}10<sup>{int(power)}</sup>"
+
+
+def _log_ticks(bottom: float, top: float) -> list[float]:
+    """Return three to eight round values between two powers of ten."""
+    span = top - bottom
+    decades = range(int(np.floor(bottom)), int(np.ceil(top)) + 1)
+    leading = (1,) if span > 2.5 else (1, 3) if span > 1.2 else (1, 2, 5)
+    every = max(1, int(np.ceil(span / 7.0)))
+    ticks = [float(f"{lead}e{power}") for power in decades if power % every == 0 for lead in leading]
+    return [tick for tick in ticks if bottom <= np.log10(tick) <= top]
 
 
 def stacked(titles: Sequence[str], shares: Sequence[float], period_s: float, gap: float = 0.07) -> Layout:

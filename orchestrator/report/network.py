@@ -19,7 +19,7 @@ LOSS_CLASSES = (
     (0.2, "10 to 20 % lost"),
     (1.0, "over 20 % lost"),
 )
-_WIDTHS = (1.0, 1.6, 2.4, 3.2, 4.2)
+_WIDTHS = (0.9, 1.3, 1.9, 2.7, 3.6)
 _APART = 0.014
 _ROLES = {
     "plant": ("square", "$amber/45", 30),
@@ -110,7 +110,7 @@ def _arrow_trace(
         "mode": "markers",
         "x": [round(x, 4) for x, _ in at],
         "y": [round(y, 4) for _, y in at],
-        "marker": {"symbol": "arrow", "size": 8, "angle": [round(a, 1) for a in angles], "color": colour},
+        "marker": {"symbol": "arrow", "size": 10, "angle": [round(a, 1) for a in angles], "color": colour},
         "text": [_link_text(link) for link in links],
         "hoverinfo": "text",
         "legendgroup": name,
@@ -131,7 +131,7 @@ def _link_traces(score: Score, places: dict[str, Point]) -> list[Trace]:
         rank = loss_class(link.traffic.lost_share)
         look = (LOSS_CLASSES[rank][1], f"$loss{rank}", _WIDTHS[rank], "solid")
         if _is_attacked(link):
-            look = ("attacked", "$attack", 3.0, "solid")
+            look = ("attacked", "$attack", 2.2, "solid")
         classes.setdefault(look, []).append(link)
     traces = []
     for (name, colour, width, dash), links in classes.items():
@@ -231,7 +231,7 @@ def network_figure(recording: Recording) -> Figure:
             "dragmode": False,
         },
         text="Lines are links, wider and stronger in colour the more packets they lost; an arrow head shows "
-        "where a link leads. Attacked links, and the nodes they concern, are marked in orange. Point at a node "
-        "or an arrow head for its figures.",
+        "where a link leads. Attacked links, and the nodes they concern, are marked in orange. Point at a "
+        "node or an arrow head for its figures.",
         aspect=1.0,
     )

@@ -23,7 +23,7 @@ def plotly_js() -> str:
 
 
 def html(page: Page) -> str:
-    """Return the whole page; equal contents give equal text. Raises `ReportError` when a library is missing."""
+    """Return the whole page; equal contents give equal text. Raises `ReportError` without its libraries."""
     try:
         from jinja2 import Environment, StrictUndefined
         from markupsafe import Markup

@@ -1,8 +1,8 @@
 """Colours by what they mean, for the light and the dark page.
 
 The categorical ones are those of Okabe and Ito (2008), which people with any colour vision tell apart; on the
-dark page they are lighter, so that each keeps a contrast of at least 3 to 1 with the paper. What lines mean is
-also told by their dashes, and what points mean by their shapes.
+dark page they are lighter, so that each keeps a contrast of at least 3 to 1 with the paper. What lines mean
+is also told by their dashes, and what points mean by their shapes.
 """
 
 from __future__ import annotations

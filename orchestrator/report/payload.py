@@ -20,7 +20,7 @@ def _packed(array: np.ndarray[Any, Any]) -> dict[str, str]:
             data, dtype = array.astype("<f4"), "f4"
     else:
         low, high = (int(array.min()), int(array.max())) if array.size else (0, 0)
-        small = -(2**15) <= low and high < 2**15
+        small = low >= -(2**15) and high < 2**15
         data, dtype = array.astype("<i2" if small else "<i4"), "i2" if small else "i4"
     return {"dtype": dtype, "bdata": base64.b64encode(np.ascontiguousarray(data).tobytes()).decode()}
 

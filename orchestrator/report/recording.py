@@ -12,12 +12,9 @@ from bus.messages import ChannelEvents, Estimate, Message, Truth
 from bus.plan import Plan
 from orchestrator.log.reader import Log, read_log
 from orchestrator.report.errors import ReportError
-from orchestrator.score.accuracy import Errors, find_errors
-from orchestrator.score.consistency import nees
-from orchestrator.score.detection import attacked_steps, judge
-from orchestrator.score.gather import Bools, Floats, Ints, gather
+from orchestrator.score.gather import Bools, Floats, Ints
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import score
+from orchestrator.score.scoring import Evidence, score_with_evidence
 from orchestrator.topology.experiment import topology_from_experiment
 from orchestrator.topology.resolved import Topology
 
@@ -28,23 +25,17 @@ CHANNEL_COUNTS = ("sent", "delivered", "lost", "attacked", "injected", "refused"
 class Recording:
     """A run, read: N estimators, K steps, n components of the state.
 
-    ``truth`` (K, n). ``state`` and ``sigma`` (N, K, n) are what estimators said *of* a step (not in it), and
-    ``attacked`` (N, K) marks the steps in which an attacked packet reached each, or an attack the plant.
-    ``nees``, ``nis`` (N, K) and ``nis_dof`` go by the step of publication. ``counts`` (6, K) are the packets
-    of all links by step, in the order of `CHANNEL_COUNTS`. Unknown is NaN.
+    ``truth`` (K, n). ``state`` and ``sigma`` (N, K, n) are what estimators said *of* a step (not in it).
+    ``counts`` (6, K) are the packets of all links by step, in the order of `CHANNEL_COUNTS`. Unknown is NaN.
     """
 
     log: Log
     topology: Topology
     score: Score
+    evidence: Evidence
     truth: Floats
     state: Floats
     sigma: Floats
-    errors: Errors
-    nees: Floats
-    nis: Floats
-    nis_dof: Ints
-    attacked: Bools
     counts: Ints
 
     @property
@@ -56,6 +47,11 @@ class Recording:
     def names(self) -> list[str]:
         """The estimators' names, in the order of the arrays."""
         return [estimator.name for estimator in self.plan.estimators]
+
+    @property
+    def attacked(self) -> Bools:
+        """The steps (N, K) in which an attacked packet reached each estimator, or an attack the plant."""
+        return self.evidence.attacked
 
     @property
     def components(self) -> list[str]:
@@ -108,33 +104,14 @@ def read_recording(path: Path) -> Recording:
     """Read a run's log; raises `LogError` for anything else, `ReportError` for one that holds no estimate."""
     log = read_log(path)
     topology = topology_from_experiment(log.topology_json)
-    plan, options = topology.plan, topology.score_options
-    result = score(
-        plan,
-        log.records(),
+    watch = _Watch(topology.plan)
+    result, evidence = score_with_evidence(
+        topology.plan,
+        watch.pass_on(log.records()),
         state_groups=topology.state_groups,
-        options=options,
+        options=topology.score_options,
         expectations=topology.expectations,
     )
-    watch = _Watch(plan)
-    gathered = gather(plan, watch.pass_on(log.records()))
-    if not gathered.estimates.present.any():
+    if not evidence.gathered.estimates.present.any():
         raise ReportError(f"{path} holds no estimate: there is nothing to report; run it again")
-    estimates = gathered.estimates
-    errors = find_errors(estimates, topology.state_groups, options.divergence_bound)
-    known = errors.alive & ~np.isnan(estimates.error).any(axis=2)
-    truth, state, sigma = watch.arrays()
-    return Recording(
-        log=log,
-        topology=topology,
-        score=result,
-        truth=truth,
-        state=state,
-        sigma=sigma,
-        errors=errors,
-        nees=nees(estimates.error, estimates.covariance, known),
-        nis=estimates.nis,
-        nis_dof=estimates.nis_dof,
-        attacked=attacked_steps(plan, judge(plan, gathered)),
-        counts=watch.counts,
-    )
+    return Recording(log, topology, result, evidence, *watch.arrays(), watch.counts)

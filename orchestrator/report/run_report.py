@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from orchestrator.report.consistency import over_time_figure, summary_figure
-from orchestrator.report.contents import Mark, Page, Section, Table, Tile
+from orchestrator.report.contents import Figure, Mark, Page, Section, Table, Text, Tile
+from orchestrator.report.detection import roc_figure, run_curves, timeline_figure
 from orchestrator.report.network import network_figure
 from orchestrator.report.recording import Recording, read_recording
-from orchestrator.report.tracking import error_figure, tracking_figure
+from orchestrator.report.tracking import disagreement_figure, error_figure, tracking_figure
 from orchestrator.report.traffic import link_table, matrix_figure, rate_figure
 from orchestrator.score.judging import show
 from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Score
@@ -16,6 +17,7 @@ from orchestrator.score.verdict import headline
 
 TONES = {"PASSED": "good", "FAILED": "bad", "INCOMPLETE": "warn", "DONE": "plain"}
 WINDOW_ROWS = 200
+FEW_LINKS = 4
 
 
 def percent(share: float | None) -> str:
@@ -51,7 +53,9 @@ def _tiles(score: Score) -> list[Tile]:
     genuine = judged.false_positive + judged.true_negative
     return [
         *tiles,
-        Tile("Attacked packets rejected", percent(judged.recall), f"{judged.true_positive} of {attacked:,}"),
+        Tile(
+            "Attacked packets rejected", percent(judged.recall), f"{judged.true_positive:,} of {attacked:,}"
+        ),
         Tile(
             "Genuine packets rejected",
             percent(judged.false_alarm_rate),
@@ -130,15 +134,19 @@ def _node_table(score: Score) -> Table:
     )
 
 
+def _after(steps: int) -> str:
+    return "at once" if steps == 0 else f"after {steps} step{'' if steps == 1 else 's'}"
+
+
 def _window_row(window: AttackWindow) -> tuple[str | Mark, ...]:
     if not window.judged:
         answer, rejected, release = Mark("no detector", "plain"), "-", "-"
     else:
         rejected = f"{window.rejected} of {window.packets}"
-        release = "never" if window.release is None else f"{window.release} steps"
+        release = "never" if window.release is None else _after(window.release)
         answer = Mark("missed", "bad")
         if window.delay is not None:
-            answer = Mark(f"after {window.delay} steps", "good")
+            answer = Mark(_after(window.delay), "good")
         elif window.censored:
             answer = Mark("run ended first", "warn")
     stage = window.stage.removesuffix(f"@{window.link}")
@@ -187,30 +195,54 @@ def _facts(score: Score) -> str:
     )
 
 
-def run_page(path: Path, name: str) -> Page:
-    """Return the page of one run, given its log; ``name`` is how the page calls the log."""
-    recording, notes = read_recording(path), []
-    return page_of(recording, Path(name), notes)
+def _detection_blocks(recording: Recording, notes: list[str]) -> list[Figure | Table | Text]:
+    score = recording.score
+    blocks: list[Figure | Table | Text] = []
+    if score.windows:
+        blocks.append(_window_table(score, notes))
+    timeline = timeline_figure(recording, notes)
+    if timeline is None:
+        told = "No estimator gave a verdict with a test statistic on any packet."
+        return [*blocks, Text(told)]
+    blocks.append(timeline)
+    curves = roc_figure(run_curves(recording))
+    if curves is None:
+        return [*blocks, Text("There is no ROC: it needs both attacked and genuine packets with a verdict.")]
+    return [*blocks, curves]
 
 
-def page_of(recording: Recording, path: Path, notes: list[str]) -> Page:
-    """Return the page of a recording."""
+def run_page(path: Path) -> Page:
+    """Return the page of one run, given its log."""
+    notes: list[str] = []
+    recording = read_recording(path)
     score = recording.score
     word, _, rest = headline(score).partition(": ")
-    over_time = over_time_figure(recording, notes)
+    over_time, apart = over_time_figure(recording, notes), disagreement_figure(recording)
     sections = [
         Section("network-section", "Network", [network_figure(recording)]),
         Section("tracking-section", "Truth and estimates", [tracking_figure(recording, notes)]),
-        Section("errors-section", "Errors", [error_figure(recording, notes), _node_table(score)]),
+        Section(
+            "errors-section",
+            "Errors",
+            [error_figure(recording, notes), *([apart] if apart else []), _node_table(score)],
+        ),
         Section(
             "consistency-section",
             "Consistency",
-            [summary_figure(recording), *([over_time] if over_time else [])],
+            [
+                *([summary_figure(recording)] if len(score.nodes) > 1 else []),
+                over_time or Text("No estimator gave a usable covariance or an NIS."),
+            ],
         ),
+        Section("detection-section", "Detection", _detection_blocks(recording, notes)),
         Section(
             "communication-section",
             "Communication",
-            [rate_figure(recording, notes), matrix_figure(recording, notes), link_table(recording, notes)],
+            [
+                rate_figure(recording, notes),
+                *([matrix_figure(recording, notes)] if len(score.links) > FEW_LINKS else []),
+                link_table(recording, notes),
+            ],
         ),
         Section("origin-section", "Provenance", [_origin_table(recording, path)]),
     ]

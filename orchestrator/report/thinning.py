@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,8 +28,8 @@ def kept(values: Floats, most: int = POINTS) -> Ints:
     low = np.where(np.isfinite(values), values, np.inf)
     high = np.where(np.isfinite(values), values, -np.inf)
     chosen = {0, size - 1}
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
-        chosen |= {int(begin + np.argmin(low[begin:end])), int(begin + np.argmax(high[begin:end]))}
+    for begin, end in pairwise(edges.tolist()):
+        chosen |= {begin + int(np.argmin(low[begin:end])), begin + int(np.argmax(high[begin:end]))}
     return np.array(sorted(chosen), dtype=np.int64)
 
 

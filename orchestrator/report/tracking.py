@@ -19,6 +19,7 @@ from orchestrator.report.palette import series_style
 from orchestrator.report.recording import Recording
 from orchestrator.report.thinning import POINTS, in_order, kept, leading_nodes
 from orchestrator.score.accuracy import root_mean_square
+from orchestrator.score.gather import Floats
 
 PAIRS = 240
 """Most pairs of node and component that the tracking figure holds."""
@@ -46,7 +47,7 @@ def _tracking_traces(recording: Recording, node: int, component: int, most: int)
     return [
         *band(x, low, high, "estimate ± 2σ", "$blue/22"),
         line(x, truth[chosen], "truth", "$ink", width=2.2, hovertemplate=hover),
-        line(x, state[chosen], "estimate", "$blue", dash="dash", hovertemplate=hover),
+        line(x, state[chosen], "estimate", "$blue", hovertemplate=hover),
         *band(x, -reach, reach, "estimate ± 2σ", "$blue/22", **below),
         {**error, "legendgroup": "estimate"},
     ]
@@ -89,41 +90,41 @@ def tracking_figure(recording: Recording, notes: list[str]) -> Figure:
             Choice("Estimator", [(name, f"{name}{marks[name]}") for name in chosen], leading[0]),
             Choice("Component", [(str(i), label) for i, label in enumerate(components)], "0"),
         ),
-        text="The band is what the estimator itself believes: two standard deviations around its estimate. An "
-        "honest one holds the truth in about 95 % of the steps. Shaded: an attacked packet reached this "
-        "estimator, or an attack the plant.",
+        text="The band is what the estimator itself believes: two standard deviations around its "
+        "estimate. An honest one holds the truth in about 95 % of the steps. Shaded: an attacked "
+        "packet reached this estimator, or an attack the plant.",
         height=470,
     )
 
 
 def error_figure(recording: Recording, notes: list[str]) -> Figure:
     """Return the error norms of all estimators over time, by state group."""
-    names, groups = recording.names, list(recording.errors.norm)
+    names, groups = recording.names, list(recording.evidence.errors.norm)
     leading = leading_nodes(recording.score, LINES)
     drawn = in_order(leading, names)
     if len(drawn) < len(names):
         notes.append(f"Errors over time: lines of {len(drawn)} of {len(names)} estimators.")
     if recording.plan.steps > POINTS:
         notes.append(f"Errors over time: smallest and largest of each stretch, {POINTS:,} points a line.")
-    shown = {*leading[:SHOWN]}
     views = {}
     for group in groups:
-        norm = recording.errors.norm[group]
+        norm = recording.evidence.errors.norm[group]
         traces = []
-        for number, name in enumerate(drawn):
+        for name in drawn:
             values = norm[names.index(name)]
             at = kept(values)
-            style = series_style(number)
+            rank = leading.index(name)
+            style = series_style(rank)
             trace = line(at, values[at], name, style["color"], dash=style["dash"], width=1.5)
             traces.append(
                 {
                     **trace,
                     "hovertemplate": "%{y:.4g}",
-                    "visible": True if name in shown else "legendonly",
+                    "visible": True if rank < SHOWN else "legendonly",
                 }
             )
         if len(names) > 1:
-            whole = root_mean_square(norm, recording.errors.alive, axis=0)
+            whole = root_mean_square(norm, recording.evidence.errors.alive, axis=0)
             at = kept(whole)
             traces.append(
                 line(at, whole[at], "RMS of all", "$ink", width=2.8, dash="solid", hovertemplate="%{y:.4g}")
@@ -146,9 +147,40 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
     )
 
 
-def _error_axis(group: str, norm: np.ndarray) -> dict[str, object]:  # type: ignore[type-arg]
+def _error_axis(group: str, norm: Floats) -> dict[str, object]:
     known = norm[np.isfinite(norm) & (norm > 0)]
     label = f"error of {'the state' if group == 'state' else group}"
     if known.size and known.max() > 200.0 * np.median(known):
         return log_axis(label, [known])
     return value_axis(label, rangemode="tozero")
+
+
+def disagreement_figure(recording: Recording) -> Figure | None:
+    """Return how far the members of each network are apart over time; None without a network."""
+    traces = []
+    for number, network in enumerate(recording.score.networks):
+        values = np.array(network.disagreement_by_step, dtype=np.float64)
+        if np.isfinite(values).any():
+            at = kept(values)
+            style = series_style(number)
+            name = f"{network.members[0]} to {network.members[-1]}"
+            traces.append(
+                line(at, values[at], name, style["color"], dash=style["dash"], hovertemplate="%{y:.4g}")
+            )
+    if not traces:
+        return None
+    axis = value_axis("disagreement", rangemode="tozero")
+    if recording.evidence.errors.norm and max(np.nanmax(trace["y"]) for trace in traces) > 1e3:
+        axis = log_axis("disagreement", [trace["y"] for trace in traces])
+    return Figure(
+        name="disagreement",
+        title="Disagreement in each network over time",
+        views={(): View(traces, {"shapes": attack_shapes(recording.attacked.any(axis=0))})},
+        layout={
+            "xaxis": step_axis(recording.plan.period_s),
+            "yaxis": axis,
+            "hovermode": "x unified",
+        },
+        text="RMS distance of the estimates of the estimators that belong together from their mean.",
+        height=260,
+    )

@@ -10,6 +10,7 @@ from orchestrator.report.contents import Choice, Figure, Table, Trace, View
 from orchestrator.report.lines import step_axis, value_axis
 from orchestrator.report.recording import CHANNEL_COUNTS, Recording
 from orchestrator.report.thinning import binned
+from orchestrator.score.gather import Floats, Ints
 from orchestrator.score.results import LinkScore, Traffic
 
 MOST_NODES = 80
@@ -22,7 +23,7 @@ _SHARES = {
 }
 
 
-def _stair(x: np.ndarray, y: np.ndarray, name: str, colour: str, **more: object) -> Trace:  # type: ignore[type-arg]
+def _stair(x: Ints, y: Floats, name: str, colour: str, **more: object) -> Trace:
     return {
         "type": "scatter",
         "mode": "lines",
@@ -45,9 +46,9 @@ def rate_figure(recording: Recording, notes: list[str]) -> Figure:
     looks = {
         "sent": "$muted",
         "delivered": "$blue",
-        "lost": "$amber",
+        "lost": "$pink",
         "attacked": "$attack",
-        "injected": "$pink",
+        "injected": "$brown",
         "refused": "$slate",
     }
     drawn = [name for name in CHANNEL_COUNTS if name in ("sent", "delivered") or rates[name].any()]
@@ -60,7 +61,7 @@ def rate_figure(recording: Recording, notes: list[str]) -> Figure:
             "yaxis": value_axis("packets a step", rangemode="tozero"),
             "hovermode": "x unified",
         },
-        text="How often nodes speak, and what becomes of it: an event-triggered sender is quiet in many steps.",
+        text="How often nodes speak, and what becomes of it; an event-triggered sender is often quiet.",
         height=300,
     )
 
@@ -97,6 +98,7 @@ def _matrix(
         "hoverongaps": False,
         "colorscale": [[0, f"{colour}/12"], [1, colour]],
         "zmin": 0,
+        "zmax": float(np.nanmax(values, initial=0.0 if what == "sent" else 0.2)) or 1.0,
         "xgap": 1,
         "ygap": 1,
         "colorbar": {
@@ -174,5 +176,5 @@ def link_table(recording: Recording, notes: list[str]) -> Table:
             *("attacked", "injected", "refused"),
         ),
         rows=[*rows, _row("all links", recording.score.traffic)],
-        folded=True,
+        folded=len(links) > 6,
     )
