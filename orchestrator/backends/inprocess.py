@@ -21,12 +21,17 @@ def run_messages(plan: Plan, sink: Sink, window: int = RunSettings.window) -> No
     The order of the messages is that of the computation: deterministic, but not the log's.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        bus = InProcessBus(sink, paced(plan))
-        for program, topics in channel_programs(bus, plan):
-            bus.add(program, topics)
-        for name in plan.node_names:
-            bus.add(node_program(bus, plan, name, window), inputs(plan, name))
-        bus.run()
+        run_unlimited(plan, sink, window)
+
+
+def run_unlimited(plan: Plan, sink: Sink, window: int = RunSettings.window) -> None:
+    """Run as `run_messages` does where BLAS has one thread already."""
+    bus = InProcessBus(sink, paced(plan))
+    for program, topics in channel_programs(bus, plan):
+        bus.add(program, topics)
+    for name in plan.node_names:
+        bus.add(node_program(bus, plan, name, window), inputs(plan, name))
+    bus.run()
 
 
 def run_in_one_process(

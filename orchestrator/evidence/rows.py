@@ -16,9 +16,10 @@ from bus.keys import EXCHANGE
 from bus.messages import Message
 from bus.plan import EstimatorPlan, Plan
 from orchestrator.score.catalogue import find_metric, metric_names
+from orchestrator.score.gather import Gathered, gather
 from orchestrator.score.measure import measure
 from orchestrator.score.results import AttackWindow, Score
-from orchestrator.score.scoring import Evidence, score_with_evidence
+from orchestrator.score.scoring import Evidence, score_gathered
 from orchestrator.topology.resolved import Topology
 
 SCORED, FAILED = "scored", "failed"
@@ -38,10 +39,15 @@ def trial_rows(topology: Topology, records: Iterable[tuple[str, Message]]) -> li
     records
         The record: (topic, message) pairs, from a log or from memory.
     """
+    return gathered_rows(topology, gather(topology.plan, records))
+
+
+def gathered_rows(topology: Topology, gathered: Gathered) -> list[Row]:
+    """Return the rows of a record that is gathered already; see `trial_rows`."""
     plan, groups = topology.plan, topology.state_groups
-    score, evidence = score_with_evidence(
+    score, evidence = score_gathered(
         plan,
-        records,
+        gathered,
         state_groups=groups,
         options=topology.score_options,
         expectations=topology.expectations,

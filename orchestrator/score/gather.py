@@ -119,8 +119,8 @@ def _node(topic: str) -> str:
     return topic.split("/", 2)[1]
 
 
-class _Gatherer:
-    """Takes the messages of a record one by one, in any order."""
+class Gatherer:
+    """Takes the messages of a record one by one, in any order; raises `ScoreError` for one that cannot be."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -143,6 +143,19 @@ class _Gatherer:
         self.counted_link = array("q")
         self.counted = tuple(array("q") for _ in COUNTS[:-1])
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
+        self.takers: dict[type[Message], Callable[[str, Any], None]] = {
+            Truth: self.take_truth,
+            Estimate: self.take_estimate,
+            Inbox: self.take_inbox,
+            ChannelEvents: self.take_events,
+            Transmission: self.take_transmission,
+        }
+
+    def take(self, topic: str, message: Message) -> None:
+        """Take a message; what no score needs is passed over."""
+        take = self.takers.get(type(message))
+        if take is not None:
+            take(topic, message)
 
     def take_truth(self, topic: str, message: Truth) -> None:
         self.truth[message.step] = message.state
@@ -214,6 +227,7 @@ class _Gatherer:
             rows.stage.append(self.stages[stage])
 
     def finish(self) -> Gathered:
+        """Return all that was taken."""
         truth = self._truth()
         return Gathered(
             truth_present=np.asarray(np.isfinite(truth).all(axis=1)),
@@ -310,16 +324,7 @@ def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:
 
     Raises `ScoreError` when a message cannot belong to the plan.
     """
-    gatherer = _Gatherer(plan)
-    takers: dict[type[Message], Callable[[str, Any], None]] = {
-        Truth: gatherer.take_truth,
-        Estimate: gatherer.take_estimate,
-        Inbox: gatherer.take_inbox,
-        ChannelEvents: gatherer.take_events,
-        Transmission: gatherer.take_transmission,
-    }
+    gatherer = Gatherer(plan)
     for topic, message in records:
-        take = takers.get(type(message))
-        if take is not None:
-            take(topic, message)
+        gatherer.take(topic, message)
     return gatherer.finish()

@@ -171,23 +171,27 @@ def score(
     ScoreError
         The record cannot belong to the plan, or an expectation names a metric that does not exist.
     """
-    result, _ = score_with_evidence(
-        plan, records, state_groups=state_groups, options=options, expectations=expectations
+    result, _ = score_gathered(
+        plan,
+        gather(plan, records),
+        state_groups=state_groups,
+        options=options,
+        expectations=expectations,
     )
     return result
 
 
-def score_with_evidence(
+def score_gathered(
     plan: Plan,
-    records: Iterable[tuple[str, Message]],
+    gathered: Gathered,
     *,
     state_groups: Mapping[str, Sequence[int]],
     options: ScoreOptions | None = None,
     expectations: Sequence[Expectation] = (),
 ) -> tuple[Score, Evidence]:
-    """Return the score of a run as `score` does, and what it was computed from."""
+    """Return the score of a record that is gathered already, and what it was computed from; see `score`."""
     options = options or ScoreOptions()
-    evidence = _find_evidence(plan, gather(plan, records), state_groups, options)
+    evidence = _find_evidence(plan, gathered, state_groups, options)
     measured = _measured(plan, evidence, options)
     outcomes = judge_expectations(measured, expectations, state_groups)
     passed = measured.complete and all(outcome.passed for outcome in outcomes)

@@ -9,10 +9,14 @@ from pathlib import Path
 from orchestrator.topology.document import Entry, parse
 from orchestrator.topology.inheritance import NODE_SECTIONS, expanded, keep_with_new_kind, kind_key_at
 from orchestrator.topology.names import NodeNameError, expand, select
-from orchestrator.topology.problems import Origin, PathKeys, Problems, did_you_mean
+from orchestrator.topology.problems import Origin, PathKeys, Problems, did_you_mean, spell
 
 _BETWEEN_KEYS = re.compile(r"(?<!\.)\.(?!\.)")
+_ANY = "..."
+_ANY_PATH = re.compile(r"(?<!\.)\.\.\.(?!\.)")
 _INDEX = re.compile(r"\[(\d+)\]")
+_SHORTHANDS = {"method": ("estimators", "*", "method")}
+"""Keys that a topology does not have at its top, and the only thing that they can mean there."""
 _EXPECTATION_KEYS = frozenset({"node", "link", "at_most", "at_least", "equals"})
 
 
@@ -43,13 +47,23 @@ def apply_overrides(root: Entry, overrides: Iterable[str], problems: Problems) -
 
 
 def _tokens(path: str) -> tuple[str, ...]:
-    return tuple(_BETWEEN_KEYS.split(_INDEX.sub(r".\1", path)))
+    """Return the keys of a path; `_ANY` stands where any keys may lie between."""
+    if path in _SHORTHANDS:
+        return _SHORTHANDS[path]
+    parts = _ANY_PATH.split(_INDEX.sub(r".\1", path))
+    tokens: list[str] = []
+    for number, part in enumerate(parts):
+        tokens += [_ANY] if number else []
+        tokens += _BETWEEN_KEYS.split(part) if part or len(parts) == 1 else []
+    return tuple(tokens)
 
 
 def _assigned(entry: Entry, path: PathKeys, tokens: tuple[str, ...], value: Entry) -> Entry:
     """Return a copy of ``entry`` in which the member that ``tokens`` lead to is ``value``."""
     if not tokens:
         return value
+    if tokens[0] == _ANY:
+        return _assigned_below(entry, path, tokens[1:], value)
     if isinstance(entry.value, tuple):
         return _assigned_item(entry, entry.value, path, tokens, value)
     if entry.value is not None and not isinstance(entry.value, Mapping):
@@ -63,6 +77,34 @@ def _assigned(entry: Entry, path: PathKeys, tokens: tuple[str, ...], value: Entr
         old = members.get(key, Entry(None, value.origin))
         members[key] = _assigned(old, (*path, key), rest, value)
     return Entry(members, entry.origin)
+
+
+def _assigned_below(entry: Entry, path: PathKeys, tokens: tuple[str, ...], value: Entry) -> Entry:
+    """Return a copy of ``entry`` in which the tokens are followed from every place below that has the first.
+
+    Below a key that was found nothing else is looked for.
+    """
+    if not tokens or tokens[0] == _ANY:
+        raise _OverrideError("'...' does not say what it leads to", "for example: channel...failure=0.1")
+    found = 0
+
+    def descended(here: Entry, at: PathKeys) -> Entry:
+        nonlocal found
+        if tokens[0] in here.mapping:
+            found += 1
+            return _assigned(here, at, tokens, value)
+        if isinstance(here.value, tuple):
+            return Entry(tuple(descended(item, (*at, i)) for i, item in enumerate(here.value)), here.origin)
+        if isinstance(here.value, Mapping):
+            return Entry({key: descended(own, (*at, key)) for key, own in here.value.items()}, here.origin)
+        return here
+
+    changed = descended(entry, path)
+    if not found:
+        where = f"below {spell(path)}" if path else "anywhere"
+        cure = "'...' finds what the files state; write out the path of a key that they leave out"
+        raise _OverrideError(f"no '{tokens[0]}' stands {where}", cure)
+    return changed
 
 
 def _assigned_item(

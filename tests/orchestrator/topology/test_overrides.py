@@ -146,3 +146,29 @@ def test_an_override_that_fits_nothing_is_named(override: str, words: str, tmp_p
     (problem,) = caught.value.problems
     assert problem.file == f"--set {override}"
     assert words in str(problem)
+
+
+def test_three_dots_reach_every_such_key_below(tmp_path: Path) -> None:
+    plan = load(tmp_path, "sensors...std=0.7", "channel...loss=0.25", "estimators.e1..e2...threshold=16").plan
+    assert [sensor.kind.parameters["noise"].std for sensor in plan.sensors] == [0.7] * 4
+    assert [own.kind.parameters["threshold"] for own in plan.estimators] == [16, 16, 9, 9]
+    (loss,) = {stage.kind.parameters.get("loss") for stage in plan.stages} - {None}
+    assert loss == 0.25
+
+
+def test_three_dots_lead_into_lists_and_from_the_top(tmp_path: Path) -> None:
+    plan = load(tmp_path, "...bias.value=4").plan
+    assert [stage.kind.parameters["value"] for stage in plan.stages if "value" in stage.kind.parameters] == [
+        4
+    ]
+
+
+@pytest.mark.parametrize("path", ["channel...recovery", "...nothing", "channel..."])
+def test_three_dots_that_lead_nowhere_are_refused(path: str, tmp_path: Path) -> None:
+    with pytest.raises(TopologyError, match=r"no '\w+' stands|does not say what it leads to"):
+        load(tmp_path, f"{path}=1")
+
+
+def test_the_method_of_all_estimators_has_a_short_path(tmp_path: Path) -> None:
+    plan = load(tmp_path, "method=kalman", "graph=null", "channel=null").plan
+    assert {own.kind.reference.rpartition(":")[2] for own in plan.estimators} == {"Kalman"}

@@ -1,0 +1,122 @@
+"""Whether covariances tell the truth over many trials: average NEES and NIS within two-sided bounds.
+
+All averages are over their degrees of freedom, so that 1 is consistent whatever arrived: the sum of
+independent chi-square figures is chi-square with the sum of their degrees of freedom (Bar-Shalom, Li and
+Kirubarajan 2001, section 5.4). In one step the trials are independent, so the bounds of each step are exact
+for NEES and NIS of a linear Gaussian filter that knows its models. Over steps NIS is independent, NEES not: its
+average over a whole campaign is judged by the spread of the trials' own averages instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from orchestrator.evidence.bootstrap import CONFIDENCE
+from orchestrator.evidence.intervals import Interval, mean_of_trials
+from orchestrator.score.consistency import chi_square_bounds
+from orchestrator.score.gather import Bools, Floats, Ints
+
+Judgement = Literal["consistent", "overconfident", "conservative", "unknown"]
+
+
+@dataclass(frozen=True)
+class ByStep:
+    """The average over trials at each of K steps, over its degrees of freedom, with what is expected.
+
+    ``ratio``, ``low`` and ``high`` are (K,): 1 is consistent, and a consistent filter's ratio lies between
+    ``low`` and ``high`` with the confidence asked for. ``dof`` (K,) is the total over trials, ``samples``
+    (K,) the number of trials. NaN where there is none.
+    """
+
+    ratio: Floats
+    low: Floats
+    high: Floats
+    dof: Ints
+    samples: Ints
+
+    @property
+    def inside(self) -> float:
+        """The share of the steps that are within their bounds; NaN without any."""
+        known = ~np.isnan(self.ratio)
+        within = (self.low <= self.ratio) & (self.ratio <= self.high)
+        return float(within[known].mean()) if known.any() else np.nan
+
+
+@dataclass(frozen=True)
+class Overall:
+    """The average over trials and steps, over its degrees of freedom: 1 is consistent.
+
+    A consistent filter's ``ratio`` lies within ``low`` and ``high`` with the confidence asked for.
+    """
+
+    ratio: float
+    low: float
+    high: float
+    samples: int
+
+    @property
+    def judgement(self) -> Judgement:
+        """What the bounds say: errors larger than believed are overconfidence."""
+        if not self.low <= self.high:
+            return "unknown"
+        if self.ratio > self.high:
+            return "overconfident"
+        return "conservative" if self.ratio < self.low else "consistent"
+
+
+def _counted(figures: Floats, dof: Ints, counted: Bools | None) -> tuple[Floats, Ints, Bools]:
+    """Return figures and degrees of freedom with zeros where they do not count, and where they do."""
+    kept = np.isfinite(figures) & (dof > 0)
+    if counted is not None:
+        kept &= counted
+    return np.where(kept, figures, 0.0), np.where(kept, dof, 0), kept
+
+
+def by_step(
+    figures: Floats, dof: Ints, counted: Bools | None = None, confidence: float = CONFIDENCE
+) -> ByStep:
+    """Return the average of chi-square figures (N, K) over N trials at each step.
+
+    ``dof`` (N, K) may differ between trials and steps, as it does where packets are lost; 0 means no figure.
+    """
+    values, dof, kept = _counted(figures, dof, counted)
+    total = dof.sum(axis=0)
+    low, high = chi_square_bounds(np.maximum(total, 1), confidence)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio, low, high = (part / total for part in (values.sum(axis=0), low, high))
+    some = total > 0
+    ratio, low, high = (np.where(some, part, np.nan) for part in (ratio, low, high))
+    return ByStep(ratio, low, high, dof=total, samples=kept.sum(axis=0))
+
+
+def overall_independent(
+    figures: Floats, dof: Ints, counted: Bools | None = None, confidence: float = CONFIDENCE
+) -> Overall:
+    """Return the average of chi-square figures (N, K) that are independent over trials and steps: NIS."""
+    values, dof, kept = _counted(figures, dof, counted)
+    total = int(dof.sum())
+    if not total:
+        return Overall(np.nan, np.nan, np.nan, 0)
+    low, high = chi_square_bounds(np.array([total]), confidence)
+    return Overall(
+        float(values.sum()) / total, float(low[0]) / total, float(high[0]) / total, int(kept.sum())
+    )
+
+
+def overall_by_trial(
+    figures: Floats, dof: Ints, counted: Bools | None = None, confidence: float = CONFIDENCE
+) -> Overall:
+    """Return the average of chi-square figures (N, K) that are correlated over the steps of a trial: NEES.
+
+    The trials' own averages are independent; the bounds are 1 plus and minus the reach of Student's interval
+    of their mean, and NaN for one trial, from which nothing of that kind can be said.
+    """
+    values, dof, kept = _counted(figures, dof, counted)
+    total = dof.sum(axis=1)
+    some = total > 0
+    found: Interval = mean_of_trials(values.sum(axis=1)[some] / total[some], confidence)
+    reach = found.high - found.value
+    return Overall(found.value, 1.0 - reach, 1.0 + reach, int(kept.sum()))
