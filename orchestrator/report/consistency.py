@@ -40,9 +40,9 @@ def _bounded(
 def over_time_figure(recording: Recording, notes: list[str]) -> Figure | None:
     """Return NEES and NIS of one estimator at a time within their bounds; None when nobody gave either."""
     estimates, nees = recording.evidence.gathered.estimates, recording.evidence.nees
-    has_nees, has_nis = np.isfinite(nees).any(axis=1), (estimates.nis_dof > 0).any(axis=1)
+    some = np.isfinite(nees) | (estimates.nis_dof > 0)
     names = recording.names
-    usable = [name for i, name in enumerate(names) if has_nees[i] or has_nis[i]]
+    usable = [name for name, own in zip(names, some, strict=True) if np.any(own)]
     leading = [name for name in leading_nodes(recording.score, len(names)) if name in usable][:MOST_NODES]
     if not leading:
         return None
@@ -51,7 +51,7 @@ def over_time_figure(recording: Recording, notes: list[str]) -> Figure | None:
     if recording.plan.steps > POINTS:
         notes.append(f"NEES and NIS: smallest and largest of each stretch, {POINTS:,} points a line.")
     confidence = recording.score.options.confidence
-    views = {}
+    views: dict[tuple[str, ...], View] = {}
     for name in in_order(leading, names):
         node = names.index(name)
         dof = np.full(recording.plan.steps, recording.truth.shape[1])

@@ -136,7 +136,7 @@ def timeline_figure(recording: Recording, notes: list[str]) -> Figure | None:
         )
     links = [link.name for link in recording.plan.links]
     parameters = {own.name: own.kind.parameters for own in recording.plan.estimators}
-    views = {}
+    views: dict[tuple[str, ...], View] = {}
     for name in chosen:
         threshold = _threshold(parameters[name], held[name])
         shapes = attack_shapes(recording.attacked[recording.names.index(name)])

@@ -13,6 +13,8 @@ from orchestrator.score.gather import Bools, Floats, Ints
 
 ATTACK_NAME = "an attack is on"
 
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
 
 def line(x: Ints | Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
     """Return a line; further keys go into its ``line`` when Plotly's lines have them, else into the trace."""
@@ -110,7 +112,7 @@ def _tick_text(tick: float) -> str:
     if 1e-4 < tick < 1e5:
         return f"{tick:.10g}"
     lead, _, power = f"{tick:.0e}".partition("e")
-    return f"{'' if lead == '1' else lead + '·'}10<sup>{int(power)}</sup>"
+    return f"{'' if lead == '1' else lead + '·'}10{str(int(power)).translate(_RAISED)}"
 
 
 def _log_ticks(bottom: float, top: float) -> list[float]:

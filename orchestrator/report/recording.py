@@ -12,9 +12,9 @@ from bus.messages import ChannelEvents, Estimate, Message, Truth
 from bus.plan import Plan
 from orchestrator.log.reader import Log, read_log
 from orchestrator.report.errors import ReportError
-from orchestrator.score.gather import Bools, Floats, Ints
+from orchestrator.score.gather import Bools, Floats, Ints, gather
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import Evidence, score_with_evidence
+from orchestrator.score.scoring import Evidence, score_gathered
 from orchestrator.topology.experiment import topology_from_experiment
 from orchestrator.topology.resolved import Topology
 
@@ -105,9 +105,9 @@ def read_recording(path: Path) -> Recording:
     log = read_log(path)
     topology = topology_from_experiment(log.topology_json)
     watch = _Watch(topology.plan)
-    result, evidence = score_with_evidence(
+    result, evidence = score_gathered(
         topology.plan,
-        watch.pass_on(log.records()),
+        gather(topology.plan, watch.pass_on(log.records())),
         state_groups=topology.state_groups,
         options=topology.score_options,
         expectations=topology.expectations,

@@ -78,19 +78,12 @@ def verdict_table(score: Score) -> Table:
             Mark("held", "good") if outcome.passed else Mark("failed", "bad"),
             outcome.metric,
             f"{words[outcome.relation]} {show(outcome.bound)}",
-            "unbounded or undefined" if outcome.measured is None else show(outcome.measured),
-            outcome.where,
-            outcome.message if not outcome.passed else "",
+            "see beside" if outcome.measured is None else show(outcome.measured),
+            outcome.where if outcome.measured is not None else outcome.message.partition(": ")[2],
         )
         for outcome in sorted(score.expectations, key=lambda outcome: outcome.passed)
     ]
-    if all(outcome.passed for outcome in score.expectations):
-        rows = [row[:-1] for row in rows]
-        return Table(
-            "Expectations", ("", "metric", "expected", "measured", "where"), rows, frozenset({0, 1, 4})
-        )
-    columns = ("", "metric", "expected", "measured", "where", "in words")
-    return Table("Expectations", columns, rows, frozenset({0, 1, 4, 5}))
+    return Table("Expectations", ("", "metric", "expected", "measured", "where"), rows, frozenset({0, 1, 4}))
 
 
 def _remark(node: NodeScore, score: Score) -> str:

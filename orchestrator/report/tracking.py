@@ -106,7 +106,7 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
         notes.append(f"Errors over time: lines of {len(drawn)} of {len(names)} estimators.")
     if recording.plan.steps > POINTS:
         notes.append(f"Errors over time: smallest and largest of each stretch, {POINTS:,} points a line.")
-    views = {}
+    views: dict[tuple[str, ...], View] = {}
     for group in groups:
         norm = recording.evidence.errors.norm[group]
         traces = []
@@ -132,7 +132,7 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
         key = [attack_key()] if recording.attacked.any() else []
         views[(group,)] = View(
             [*traces, *key],
-            {"yaxis": _error_axis(group, norm), "shapes": attack_shapes(recording.attacked.any(axis=0))},
+            {"yaxis": _error_axis(group, norm), "shapes": attack_shapes(np.any(recording.attacked, axis=0))},
         )
     choices = [(group, "whole state" if group == "state" else group) for group in groups]
     return Figure(
@@ -175,7 +175,7 @@ def disagreement_figure(recording: Recording) -> Figure | None:
     return Figure(
         name="disagreement",
         title="Disagreement in each network over time",
-        views={(): View(traces, {"shapes": attack_shapes(recording.attacked.any(axis=0))})},
+        views={(): View(traces, {"shapes": attack_shapes(np.any(recording.attacked, axis=0))})},
         layout={
             "xaxis": step_axis(recording.plan.period_s),
             "yaxis": axis,

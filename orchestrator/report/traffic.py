@@ -125,7 +125,7 @@ def matrix_figure(recording: Recording, notes: list[str]) -> Figure:
         )
         sources, destinations = sources[:MOST_NODES], destinations[:MOST_NODES]
     offered = [what for what in _SHARES if what != "attacked" or recording.score.traffic.attacked]
-    views = {
+    views: dict[tuple[str, ...], View] = {
         (what,): View([_matrix(links, sources, destinations, what, recording.score.steps)])
         for what in offered
     }
