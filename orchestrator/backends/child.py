@@ -26,11 +26,11 @@ _PR_SET_PDEATHSIG = 1
 
 def child_main(pickled_plan: bytes, own: Membership, log_file: Path) -> None:
     """Run one process to its end and leave: with code 0, or 1 after writing a traceback to its log file."""
-    _redirect_output(log_file)
+    redirect_output(log_file)
     print(f"{own.name}: process {os.getpid()}", flush=True)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the orchestrator's to handle
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    leave_with_parent()
 
     def build(port: Port) -> Sequence[tuple[Program, Sequence[str]]]:
         if own.name == CHANNEL:
@@ -79,7 +79,7 @@ def _become(command: list[str], plan: Plan, own: Membership) -> None:
     os.execvpe(command[0], command, {**os.environ, **membership})
 
 
-def _redirect_output(log_file: Path) -> None:
+def redirect_output(log_file: Path) -> None:
     """Send standard output and error, where warnings go too, to the process's log file."""
     descriptor = os.open(log_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     os.dup2(descriptor, 1)
@@ -87,8 +87,12 @@ def _redirect_output(log_file: Path) -> None:
     os.close(descriptor)
 
 
-def _leave_with_parent() -> None:
-    """End this process as soon as its parent is gone, however it went."""
+def leave_with_parent() -> None:
+    """See to it that this process ends as soon as its parent is gone, however it went."""
+    threading.Thread(target=_await_parents_end, daemon=True).start()
+
+
+def _await_parents_end() -> None:
     parent = parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])

@@ -25,7 +25,7 @@ class Fleet:
     """All child processes of one run; leaving the context ends those that are left."""
 
     def __init__(self, plan: Plan, members: Iterable[Membership], log_dir: Path) -> None:
-        fork_server.make_ready(_kind_modules(plan))
+        fork_server.make_ready(kind_modules(plan))
         context = multiprocessing.get_context("forkserver")
         pickled_plan = pickle.dumps(plan)  # once for all
         self._processes: dict[str, ForkServerProcess] = {
@@ -47,7 +47,7 @@ class Fleet:
 
     def start(self) -> None:
         """Start every process."""
-        with _without_main_module():
+        with without_main_module():
             for process in self._processes.values():
                 process.start()
 
@@ -89,7 +89,7 @@ class Fleet:
 
 
 @contextmanager
-def _without_main_module() -> Iterator[None]:
+def without_main_module() -> Iterator[None]:
     """Hide the main script from `multiprocessing`, which would run it once more in every child.
 
     What a child needs is preloaded by name; the script (the command line, a test runner) is none of it.
@@ -102,7 +102,7 @@ def _without_main_module() -> Iterator[None]:
         sys.modules["__main__"] = main
 
 
-def _kind_modules(plan: Plan) -> set[str]:
+def kind_modules(plan: Plan) -> set[str]:
     """Return the modules of all kinds of a plan, to be loaded once for all; a user's files load in theirs."""
     kinds = [
         plan.plant.kind,

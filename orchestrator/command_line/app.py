@@ -12,14 +12,16 @@ import typer
 from orchestrator import exit_codes
 from orchestrator.command_line import log_commands
 from orchestrator.command_line.fit import fit
+from orchestrator.command_line.launch import launch
 from orchestrator.command_line.output import (
     fail,
     outlive_readers,
     print_json,
-    run_progress,
     verdict_console,
 )
+from orchestrator.command_line.replay import replay
 from orchestrator.command_line.report import report
+from orchestrator.command_line.sweep import sweep
 from orchestrator.errors import InputError
 from orchestrator.interrupts import Interrupted, raising_interrupts
 
@@ -46,6 +48,8 @@ app = typer.Typer(
 )
 app.add_typer(log_commands.app, name="log")
 app.command()(fit)
+app.command()(sweep)
+app.command()(replay)
 app.command()(report)
 
 TopologyFile = Annotated[
@@ -100,26 +104,7 @@ def run(
     from orchestrator.quick_start import load_to_run
 
     topology, chosen = load_to_run(file, overrides or (), seed, backend)
-
-    from orchestrator.run import NotBegunError, run_topology
-    from orchestrator.run_directory import make_run_directory
-
-    for warning in topology.warnings:
-        typer.echo(f"warning: {warning}", err=True)
-    directory = make_run_directory(out, topology.plan.name, topology.plan.seed)
-    try:
-        with run_progress(topology.plan.steps, quiet=json) as progress:
-            report = run_topology(topology, directory, chosen, progress)
-    except NotBegunError as error:
-        fail(error, exit_codes.RUN_FAILED)
-    if json:
-        print_json(report.facts())
-    else:
-        from orchestrator.score.verdict import print_verdict
-
-        print_verdict(report.score, verdict_console(), timing=report.timing.headlines(), files=report.files())
-    if report.message:
-        typer.echo(f"gauntlet: {report.message}", err=True)
+    report = launch(topology, chosen, out, json=json)
     raise typer.Exit(report.exit_code)
 
 

@@ -3,8 +3,8 @@
 All averages are over their degrees of freedom, so that 1 is consistent whatever arrived: the sum of
 independent chi-square figures is chi-square with the sum of their degrees of freedom (Bar-Shalom, Li and
 Kirubarajan 2001, section 5.4). In one step the trials are independent, so the bounds of each step are exact
-for NEES and NIS of a linear Gaussian filter that knows its models. Over steps NIS is independent, NEES not: its
-average over a whole campaign is judged by the spread of the trials' own averages instead.
+for NEES and NIS of a linear Gaussian filter that knows its models. Over steps NIS is independent and NEES is
+not: its average over a whole campaign is judged by the spread of the trials' own averages instead.
 """
 
 from __future__ import annotations

@@ -15,6 +15,8 @@ import numpy as np
 from bus.keys import EXCHANGE
 from bus.messages import Message
 from bus.plan import EstimatorPlan, Plan
+from orchestrator.evidence.derived import Derived, derive
+from orchestrator.score.accuracy import STATE
 from orchestrator.score.catalogue import find_metric, metric_names
 from orchestrator.score.gather import Gathered, gather
 from orchestrator.score.measure import measure
@@ -56,6 +58,7 @@ def gathered_rows(topology: Topology, gathered: Gathered) -> list[Row]:
     deviation = _disagreement(score)
     scalars = _scalars(score, groups)
     by_node = _packets(plan, evidence)
+    derived = derive(plan, evidence)
     return [
         {
             **facts,
@@ -68,6 +71,7 @@ def gathered_rows(topology: Topology, gathered: Gathered) -> list[Row]:
             "disagreement_by_step": deviation[network],
             **by_node[i],
             **_windows(score, node.name),
+            **_derived(derived, i, groups),
         }
         for i, (node, network) in enumerate(zip(score.nodes, _networks(score), strict=True))
     ]
@@ -129,6 +133,22 @@ def _series(plan: Plan, evidence: Evidence, i: int) -> Row:
         "attacked": evidence.attacked[i],
         "sent": evidence.gathered.sent[numbers].sum(axis=0),
         "slots": sum(senders.values()),
+    }
+
+
+def _derived(derived: Derived, i: int, groups: Mapping[str, Sequence[int]]) -> Row:
+    """Return the bound of estimator i by state group, in the units of its RMSE, and its innovations."""
+    bounded = derived.bounds[i]
+    every = range(bounded.variance.shape[1])
+    return {
+        **{
+            f"bound.{group}": np.sqrt(bounded.variance[:, list(indices)].sum(axis=1))
+            for group, indices in {**groups, STATE: every}.items()
+        },
+        "bound.given": bounded.given,
+        "bound.refused": bounded.refused,
+        "innovation": derived.innovations[i].ravel(),
+        "state_size": bounded.variance.shape[1],
     }
 
 

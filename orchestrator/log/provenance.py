@@ -53,11 +53,23 @@ def git_commit(checkout: Path) -> str:
     return commit if answer.returncode == 0 and Path(top) == checkout.resolve() else "none"
 
 
+def versions() -> dict[str, str]:
+    """Return the versions of the code that runs, and the type of the machine.
+
+    The commit is that of the code, if it runs from a checkout: a version like the others.
+    """
+    return {
+        "git_commit": git_commit(_CODE),
+        "machine": platform.machine(),
+        "version.python": platform.python_version(),
+        **{f"version.{name}": _version(name) for name in _DISTRIBUTIONS},
+    }
+
+
 def provenance(plan: Plan, topology_hash: str) -> dict[str, str]:
     """Return the facts that the log's first record holds.
 
-    The commit is that of the code that runs, if it runs from a checkout: a version like the others. The
-    topology needs none, since its hash and all of its content are in the log.
+    The topology needs no commit, since its hash and all of its content are in the log.
     """
     return {
         "name": plan.name,
@@ -67,8 +79,5 @@ def provenance(plan: Plan, topology_hash: str) -> dict[str, str]:
         "steps": str(plan.steps),
         "period_s": repr(plan.period_s),
         "messages_per_step": str(len(canonical_order(plan))),
-        "git_commit": git_commit(_CODE),
-        "machine": platform.machine(),
-        "version.python": platform.python_version(),
-        **{f"version.{name}": _version(name) for name in _DISTRIBUTIONS},
+        **versions(),
     }

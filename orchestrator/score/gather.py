@@ -19,6 +19,7 @@ from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, 
 from bus.packets import packets_of_inbox
 from bus.plan import Plan
 from orchestrator.errors import InputError
+from orchestrator.score.measurements import MeasurementRows, Measurements
 
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
@@ -36,12 +37,14 @@ class ScoreError(InputError):
 class Estimates:
     """Estimates by (estimator, step of publication), N x K, in the plan's order; NaN where unknown.
 
-    ``error`` (N, K, n) is the estimate less the truth of the step that it refers to. ``covariance`` is (N, K,
-    n, n).
+    ``state`` (N, K, n) is what was estimated of the step ``refers_to`` (N, K), ``error`` (N, K, n) that less
+    the truth of that step. ``covariance`` is (N, K, n, n).
     """
 
     present: Bools
     declared_diverged: Bools
+    refers_to: Ints
+    state: Floats
     error: Floats
     covariance: Floats
     nis: Floats
@@ -82,6 +85,7 @@ class Gathered:
     injections: Packets
     counts: Ints
     sent: Ints
+    measurements: Measurements
 
 
 COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
@@ -131,24 +135,25 @@ class Gatherer:
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
         self.truth: dict[int, list[float]] = {}
-        self.estimates = array("q")  # seven numbers an estimate, see `take_estimate`
+        self.estimates = array("q")  # seven numbers an estimate, see `_take_estimate`
         self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
         senders: dict[tuple[str, str], list[str]] = {}
         for link in plan.links:
             senders.setdefault((link.destination, keys.phase_of(link.stream)), []).append(link.source)
         self.gates = {place: Gate(plan, sources) for place, sources in senders.items()}
         self.deliveries, self.verdicts, self.events, self.injections = (_Rows() for _ in range(4))
+        self.measurements = MeasurementRows(plan)
         self.senders = _Index({name: i for i, name in enumerate(plan.node_names)})
         self.sent = array("q")  # pairs (sender, step)
         self.counted_link = array("q")
         self.counted = tuple(array("q") for _ in COUNTS[:-1])
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.takers: dict[type[Message], Callable[[str, Any], None]] = {
-            Truth: self.take_truth,
-            Estimate: self.take_estimate,
-            Inbox: self.take_inbox,
-            ChannelEvents: self.take_events,
-            Transmission: self.take_transmission,
+            Truth: self._take_truth,
+            Estimate: self._take_estimate,
+            Inbox: self._take_inbox,
+            ChannelEvents: self._take_events,
+            Transmission: self._take_transmission,
         }
 
     def take(self, topic: str, message: Message) -> None:
@@ -157,10 +162,10 @@ class Gatherer:
         if take is not None:
             take(topic, message)
 
-    def take_truth(self, topic: str, message: Truth) -> None:
+    def _take_truth(self, topic: str, message: Truth) -> None:
         self.truth[message.step] = message.state
 
-    def take_estimate(self, topic: str, message: Estimate) -> None:
+    def _take_estimate(self, topic: str, message: Estimate) -> None:
         name, step = _node(topic), message.step
         sizes = len(message.state), len(message.covariance)
         node = self.estimators[name]
@@ -176,29 +181,34 @@ class Gatherer:
             rows.mark.extend(message.detector_alarm)
             rows.value.extend(message.detector_statistic)
 
-    def take_inbox(self, topic: str, message: Inbox) -> None:
+    def _take_inbox(self, topic: str, message: Inbox) -> None:
         if not message.source:
             return
         node, phase = topic.split("/")[1:3]
         rows, sources, sequences = self.deliveries, message.source, message.sequence
         norms = _norms(message)
+        let_in = None
         if self.plan.integrity or not self.incoming[node].keys() >= set(sources):
             gate = self.gates.get((node, phase))
             let_in = [gate is None or gate.admits(packet) for packet in packets_of_inbox(message)]
             sources, sequences = list(compress(sources, let_in)), list(compress(sequences, let_in))
             norms = list(compress(norms, let_in))
+        if phase == keys.CORRECT:
+            self.measurements.take_inbox(node, message, let_in)
         rows.link.extend(map(self.incoming[node].__getitem__, sources))
         rows.step.extend([message.step] * len(sources))
         rows.sequence.extend(sequences)
         rows.value.extend(norms)
 
-    def take_transmission(self, topic: str, message: Transmission) -> None:
+    def _take_transmission(self, topic: str, message: Transmission) -> None:
         if message.sequence:
             _, node, stream = topic.split("/")
             if stream in (keys.MEASUREMENT, keys.EXCHANGE):
                 self.sent.extend((self.senders[node], message.step))
+            if stream == keys.MEASUREMENT:
+                self.measurements.take_sent(node, message)
 
-    def take_events(self, topic: str, message: ChannelEvents) -> None:
+    def _take_events(self, topic: str, message: ChannelEvents) -> None:
         self.counted_link.extend(map(self.links.__getitem__, message.link))
         for total, name in zip(self.counted, COUNTS, strict=False):
             total.extend(getattr(message, name) or [0] * len(message.link))
@@ -238,6 +248,7 @@ class Gatherer:
             injections=self.injections.packets(),
             counts=self._counts(),
             sent=self._sent(),
+            measurements=self.measurements.finish(),
         )
 
     def _truth(self) -> Floats:
@@ -281,10 +292,14 @@ class Gatherer:
         has = size > 0
         known = (refers_to >= 0) & (refers_to < K)
         reference = np.where(known[:, None], truth[np.where(known, refers_to, 0)], np.nan)
-        error[node[has], step[has]] = np.array(self.state).reshape(has.sum(), n) - reference[has]
+        state = np.full((N, K, n), np.nan)
+        state[node[has], step[has]] = np.array(self.state).reshape(has.sum(), n)
+        error[node[has], step[has]] = state[node[has], step[has]] - reference[has]
+        refers = np.full((N, K), -1)
+        refers[node, step] = refers_to
         has = covariance_size > 0
         covariance[node[has], step[has]] = np.array(self.covariance).reshape(has.sum(), n, n)
-        return Estimates(present, declared, error, covariance, nis, nis_dof)
+        return Estimates(present, declared, refers, state, error, covariance, nis, nis_dof)
 
     def _sent(self) -> Ints:
         sender, step = _integers(self.sent).reshape(-1, 2).T

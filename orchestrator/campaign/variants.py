@@ -1,0 +1,67 @@
+"""Every variant of a campaign read and checked before any trial begins."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from orchestrator.backends.child import external_command
+from orchestrator.campaign.grid import Variant
+from orchestrator.errors import InputError
+from orchestrator.topology.experiment import topology_from_experiment
+from orchestrator.topology.load import load_topology
+from orchestrator.topology.problems import Problem, TopologyError
+from orchestrator.topology.resolved import Topology
+
+
+@dataclass(frozen=True)
+class LoadedVariant:
+    """A variant with its topology, at the first trial."""
+
+    variant: Variant
+    topology: Topology
+
+    @cached_property
+    def packed(self) -> bytes:
+        """What a worker needs of it: the plan to run, and the topology as a log tells it, to score with."""
+        logged = topology_from_experiment(self.topology.experiment_json())
+        return pickle.dumps((self.topology.plan, logged), protocol=pickle.HIGHEST_PROTOCOL)
+
+
+def load_variants(
+    file: Path, variants: Sequence[Variant], seed: int | None, first_trial: int
+) -> list[LoadedVariant]:
+    """Return all variants ready to run.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong with any of them, each problem once.
+    """
+    loaded: list[LoadedVariant] = []
+    problems: dict[Problem, None] = {}
+    for variant in variants:
+        try:
+            topology = load_topology(file, variant.overrides, seed, first_trial)
+        except TopologyError as error:
+            problems.update(dict.fromkeys(error.problems))
+            continue
+        loaded.append(LoadedVariant(variant, topology))
+    if problems:
+        raise TopologyError(problems)
+    for own in loaded:
+        _refuse_external(own.topology)
+    return loaded
+
+
+def _refuse_external(topology: Topology) -> None:
+    plan = topology.plan
+    external = [own.name for own in plan.estimators if external_command(plan, own.name) is not None]
+    if external:
+        raise InputError(
+            f"{topology.path}: {', '.join(external)} run a command of their own, and a campaign runs each "
+            "trial in one process; repeat 'gauntlet run' for them"
+        )

@@ -1,0 +1,153 @@
+"""What `gauntlet sweep` shows: progress with the time left, and what the campaign came to."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress, TaskID
+
+    from orchestrator.campaign.summary import Figure, Summary
+
+_PLAIN_EVERY_S = 30.0
+_PLAIN_WIDTH = 140
+_MESSAGES_SHOWN = 3
+_SHORT = {
+    "nees.ratio": "NEES",
+    "divergences": "diverged",
+    "detector.recall": "recall",
+    "detector.false_alarm_rate": "false alarms",
+}
+"""Figures that the table shows beside the errors, and what it calls them."""
+
+
+class QuietProgress:
+    """Tells nothing."""
+
+    def begin(self, total: int, done: int) -> None:
+        """Take the number of all trials, and of those that were done before."""
+
+    def advance(self, finished: int, failed: int) -> None:
+        """Take the number of trials that a block finished, and how many of them failed."""
+
+
+class PlainProgress(QuietProgress):
+    """Writes a line to standard error now and then."""
+
+    def begin(self, total: int, done: int) -> None:
+        """Say how much there is to do."""
+        self._total, self._done, self._before, self._failed = total, done, done, 0
+        self._begun_s = self._told_s = time.monotonic()
+        resumed = f", {done} of them done before" if done else ""
+        typer.echo(f"{total} trials{resumed}", err=True)
+
+    def advance(self, finished: int, failed: int) -> None:
+        """Say how far it is, if the last word is old, or all is done."""
+        self._done += finished
+        self._failed += failed
+        now_s = time.monotonic()
+        if now_s - self._told_s < _PLAIN_EVERY_S and self._done < self._total:
+            return
+        self._told_s = now_s
+        rate = (self._done - self._before) / max(now_s - self._begun_s, 1e-9)
+        left = (self._total - self._done) / rate
+        failures = f", {self._failed} failed" if self._failed else ""
+        typer.echo(
+            f"trial {self._done} of {self._total}{failures}, {rate:.3g} a second, {left:.0f} s left", err=True
+        )
+
+
+class BarProgress(QuietProgress):
+    """Moves a bar."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar = bar
+        self._task: TaskID | None = None
+        self._failed = 0
+
+    def begin(self, total: int, done: int) -> None:
+        """Show the bar."""
+        self._task = self._bar.add_task("trials", total=total, completed=done, failures="")
+
+    def advance(self, finished: int, failed: int) -> None:
+        """Move it."""
+        assert self._task is not None
+        self._failed += failed
+        failures = f"{self._failed} failed" if self._failed else ""
+        self._bar.update(self._task, advance=finished, failures=failures)
+
+
+@contextmanager
+def sweep_progress(*, quiet: bool) -> Iterator[QuietProgress]:
+    """Show progress on standard error: a bar on a terminal, a line now and then elsewhere."""
+    if quiet:
+        yield QuietProgress()
+    elif not sys.stderr.isatty():
+        yield PlainProgress()
+    else:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns = (
+            *(TextColumn("trials"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()),
+            TextColumn("[red]{task.fields[failures]}"),
+        )
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            yield BarProgress(bar)
+
+
+def _shown(figure: Figure | None) -> str:
+    return "-" if figure is None else f"{figure.median:.3g}"
+
+
+def _with_interval(figure: Figure | None) -> str:
+    if figure is None or figure.low is None or figure.high is None:
+        return _shown(figure)
+    return f"{figure.median:.3g} [{figure.low:.3g}, {figure.high:.3g}]"
+
+
+def sweep_console() -> Console:
+    """Return the console for the table: plain text and broad when it is no terminal."""
+    from rich.console import Console
+
+    return Console(highlight=False, width=None if sys.stdout.isatty() else _PLAIN_WIDTH)
+
+
+def print_summary(summary: Summary, console: Console) -> None:
+    """Print the table of variants and estimators, and what went wrong."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
+    table.add_column("estimator", no_wrap=True)
+    errors = [name for name in summary.metrics if name.startswith("rmse.")]
+    others = [name for name in summary.metrics if name in _SHORT]
+    for name in (*errors, *others):
+        heading = _SHORT.get(name, name.removeprefix("rmse."))
+        table.add_column(heading, justify="right", no_wrap=True)
+    for tally in summary.tallies:
+        settings = ", ".join(f"{path}={value}" for path, value in tally.settings.items())
+        heading = f"{tally.variant}: {settings}" if settings else "all trials"
+        failed = f", {tally.failed} FAILED" if tally.failed else ""
+        table.add_row(Text(f"{heading}  ({tally.passed} of {tally.trials} passed{failed})", style="bold"))
+        for line in summary.lines:
+            if line.variant == tally.variant:
+                figures = [_with_interval(line.figures.get(name)) for name in errors]
+                figures += [_shown(line.figures.get(name)) for name in others]
+                table.add_row(f"  {line.who}", *figures)
+    title = "RMSE by state group: medians over trials with 95 % intervals; other figures: medians"
+    console.print(Text(title, style="bold"))
+    console.print(table)
+    messages = list(dict.fromkeys(message for tally in summary.tallies for message in tally.messages))
+    for message in messages[:_MESSAGES_SHOWN]:
+        console.print(Text(f"failed: {message}", style="red"))
+    if len(messages) > _MESSAGES_SHOWN:
+        console.print(Text(f"and {len(messages) - _MESSAGES_SHOWN} other reasons"))

@@ -1,0 +1,39 @@
+"""One run as a command carries it out: progress, verdict, and what it says at the end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from orchestrator import exit_codes
+from orchestrator.command_line.output import fail, print_json, run_progress, verdict_console
+
+if TYPE_CHECKING:
+    from orchestrator.run import Backend, RunReport
+    from orchestrator.topology.resolved import Topology
+
+
+def launch(topology: Topology, backend: Backend, out: Path | None, *, json: bool) -> RunReport:
+    """Run a topology, print the verdict, and return the report."""
+    from orchestrator.run import NotBegunError, run_topology
+    from orchestrator.run_directory import make_run_directory
+
+    for warning in topology.warnings:
+        typer.echo(f"warning: {warning}", err=True)
+    directory = make_run_directory(out, topology.plan.name, topology.plan.seed)
+    try:
+        with run_progress(topology.plan.steps, quiet=json) as progress:
+            report = run_topology(topology, directory, backend, progress)
+    except NotBegunError as error:
+        fail(error, exit_codes.RUN_FAILED)
+    if json:
+        print_json(report.facts())
+    else:
+        from orchestrator.score.verdict import print_verdict
+
+        print_verdict(report.score, verdict_console(), timing=report.timing.headlines(), files=report.files())
+    if report.message:
+        typer.echo(f"gauntlet: {report.message}", err=True)
+    return report

@@ -1,0 +1,173 @@
+"""What the rows of one variant show of its estimators: errors, consistency, agreement, communication.
+
+Several estimators of one trial are pooled inside the trial; the trials are what intervals are taken over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from orchestrator.evidence.bootstrap import CONFIDENCE, Band, bootstrap, pooled
+from orchestrator.evidence.columns import Rows
+from orchestrator.evidence.consistency import (
+    ByStep,
+    Overall,
+    by_step,
+    overall_by_trial,
+    overall_independent,
+)
+from orchestrator.evidence.intervals import Interval, only, share
+from orchestrator.evidence.whiteness import Whiteness, standardised_nis, whiteness
+from orchestrator.score.gather import Bools, Floats, Ints
+
+T = TypeVar("T")
+
+
+def _alive(rows: Rows) -> Bools:
+    """Return the steps (R, K) before an estimator's divergence."""
+    step = rows.scalar("divergence_step")
+    first = np.where(np.isnan(step), np.inf, step)
+    alive: Bools = np.arange(rows.steps) < first[:, None]
+    return alive
+
+
+def _pooled(rows: Rows, above: Floats, below: Floats, confidence: float, *, root: bool = True) -> Band:
+    """Return the (root of the) ratio of sums over trials, of (R, K) each; NaN in either counts in neither."""
+    known = ~(np.isnan(above) | np.isnan(below))
+    numerator, denominator = (rows.by_trial(np.where(known, part, 0.0)) for part in (above, below))
+    statistic = pooled(numerator, denominator, np.sqrt if root else None)
+    return bootstrap(statistic, rows.trials, confidence=confidence)
+
+
+def rmse_curve(rows: Rows, group: str, confidence: float = CONFIDENCE) -> Band:
+    """Return the RMSE of a state group at each step, over the trials in which it has not diverged by then."""
+    error = np.where(_alive(rows), rows.series(f"error.{group}"), np.nan)
+    return _pooled(rows, error**2, np.ones_like(error), confidence)
+
+
+def rmse(rows: Rows, group: str, confidence: float = CONFIDENCE) -> Interval:
+    """Return the RMSE of a state group over the scored steps of all trials in which it did not diverge.
+
+    Look at `divergences` beside it: those have no finite error.
+    """
+    error = rows.scalar(f"rmse.{group}")[:, None]
+    error = np.where(np.isinf(error), np.nan, error)
+    return only(_pooled(rows, error**2, np.ones_like(error), confidence))
+
+
+def divergences(rows: Rows, confidence: float = CONFIDENCE) -> Interval:
+    """Return the share of the scored trials in which any of the estimators diverged, by Wilson's interval."""
+    diverged = rows.by_trial((~np.isnan(rows.scalar("divergence_step"))).astype(np.float64)) > 0
+    return share(int(diverged.sum()), int(np.sum(~rows.failed)), confidence)
+
+
+@dataclass(frozen=True)
+class Split(Generic[T]):
+    """A figure over all steps, over those in which an attack reached the estimator, and over the others."""
+
+    all: T
+    attacked: T
+    unattacked: T
+
+    @staticmethod
+    def of(figure: Callable[[Bools], T], counted: Bools, attacked: Bools) -> Split[T]:
+        """Return a figure of each choice of steps, given which count and which were attacked."""
+        return Split(*(figure(where) for where in (counted, counted & attacked, counted & ~attacked)))
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """NEES and NIS by step and over all, split by attack.
+
+    ``whiteness`` is that of innovations, or of NIS where there are none (``from_nis``).
+    """
+
+    nees_by_step: ByStep
+    nis_by_step: ByStep
+    nees: Split[Overall]
+    nis: Split[Overall]
+    whiteness: Split[Whiteness]
+    from_nis: bool
+
+
+def consistency(rows: Rows, from_step: int = 0, confidence: float = CONFIDENCE) -> Consistency:
+    """Return whether covariances and innovations are as they should be, from a step on.
+
+    Of several estimators in a trial each counts as a trial of its own in the chi-square bounds, which are
+    then only right for estimators whose errors do not depend on each other: choose one node to be sure.
+    """
+    attacked = rows.series("attacked") == 1.0
+    counted = _alive(rows) & (np.arange(rows.steps) >= from_step)
+    nees, nis = rows.series("nees"), rows.series("nis")
+    size = np.broadcast_to(rows.scalar("state_size").astype(np.int64)[:, None], nees.shape)
+    nees_dof: Ints = np.where(np.isfinite(nees), size, 0)
+    nis_dof = np.nan_to_num(rows.series("nis_dof")).astype(np.int64)
+    innovation, from_nis = _innovations(rows, nis, nis_dof)
+    return Consistency(
+        by_step(nees, nees_dof, counted, confidence),
+        by_step(nis, nis_dof, counted, confidence),
+        Split.of(lambda where: overall_by_trial(nees, nees_dof, where, confidence), counted, attacked),
+        Split.of(lambda where: overall_independent(nis, nis_dof, where, confidence), counted, attacked),
+        Split.of(lambda where: whiteness(innovation, where, confidence=confidence), counted, attacked),
+        from_nis,
+    )
+
+
+def _innovations(rows: Rows, nis: Floats, dof: Ints) -> tuple[Floats, bool]:
+    """Return whitened innovations (R, K, M), and whether they had to be made of NIS."""
+    flat = rows.series("innovation")
+    if flat.shape[1]:
+        return flat.reshape(len(flat), rows.steps, -1), False
+    return standardised_nis(nis, dof), True
+
+
+@dataclass(frozen=True)
+class Efficiency:
+    """Errors beside the bound that nobody beats: ``ratio`` is 1 for an estimator that meets it.
+
+    ``bound`` is the root mean square over trials of the bounds given what each lost, and ``ratio`` that of
+    the errors over it, in the steps in which the bound is right: ``steps`` of all. ``refused`` tells why it
+    is missing elsewhere, by its number of rows, and ``given`` whose packets it supposes.
+    """
+
+    bound: Band
+    ratio_by_step: Band
+    ratio: Interval
+    steps: float
+    refused: dict[str, int]
+    given: tuple[str, ...]
+
+
+def efficiency(rows: Rows, group: str, from_step: int = 0, confidence: float = CONFIDENCE) -> Efficiency:
+    """Return how close the errors of a state group come to the posterior Cramer-Rao bound."""
+    bound = rows.series(f"bound.{group}")
+    error = np.where(_alive(rows), rows.series(f"error.{group}"), np.nan)
+    bound = np.where(np.isnan(error), np.nan, bound)
+    late = np.arange(rows.steps) >= from_step
+    known = ~np.isnan(bound) & late
+    above, below = (np.where(known, part**2, 0.0).sum(axis=1)[:, None] for part in (error, bound))
+    reasons = [reason for reason in rows.text("bound.refused") if reason]
+    return Efficiency(
+        _pooled(rows, bound**2, np.ones_like(bound), confidence),
+        _pooled(rows, error**2, bound**2, confidence),
+        only(_pooled(rows, above, below, confidence)),
+        float(known.sum() / max(1, late.sum() * len(known))),
+        {reason: reasons.count(reason) for reason in sorted(set(reasons))},
+        tuple(sorted({given for given in rows.text("bound.given") if given})),
+    )
+
+
+def disagreement_curve(rows: Rows, confidence: float = CONFIDENCE) -> Band:
+    """Return the RMS distance of estimates from their network's mean at each step, over trials."""
+    apart = rows.series("disagreement_by_step")
+    return _pooled(rows, apart**2, np.ones_like(apart), confidence)
+
+
+def sent_rate(rows: Rows, confidence: float = CONFIDENCE) -> Interval:
+    """Return the share of slots that held a packet, among those of the estimators and of their sensors."""
+    sent, slots = rows.series("sent").sum(axis=1), rows.scalar("slots") * rows.steps
+    return only(_pooled(rows, sent[:, None], slots[:, None], confidence, root=False))
