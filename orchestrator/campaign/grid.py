@@ -11,6 +11,8 @@ from orchestrator.errors import InputError
 _OPENING, _CLOSING, _QUOTES = "([{", ")]}", "'\""
 _BEFORE_A_QUOTE = ("", *"([{,:")
 MOST_VARIANTS = 10_000
+ATTACKS, AS_GIVEN, NONE = "attacks", "as given", "null"
+"""The path that sets twins apart, with its value for a variant and for its unattacked twin."""
 
 
 class GridError(InputError):
@@ -58,10 +60,11 @@ def split_values(text: str) -> list[str]:
     return [*values, text[begin:].strip()]
 
 
-def lay_grid(overrides: Iterable[str]) -> list[Variant]:
+def lay_grid(overrides: Iterable[str], twins: bool = False) -> list[Variant]:
     """Return every variant; raises `GridError`.
 
-    An override with one value holds for all of them, in its place among the others.
+    An override with one value holds for all of them, in its place among the others. With ``twins`` each
+    variant is followed by its twin, the same without any attack.
     """
     axes: list[list[tuple[str, str | None]]] = []
     swept: set[str] = set()
@@ -77,6 +80,10 @@ def lay_grid(overrides: Iterable[str]) -> list[Variant]:
         _check(override, path, values, swept)
         swept.add(path)
         axes.append([(path, value) for value in values])
+    if twins:
+        if ATTACKS in swept:
+            raise GridError(f"--twin: {ATTACKS} has several values already; one of them may be null instead")
+        axes.append([(ATTACKS, AS_GIVEN), (ATTACKS, NONE)])
     _check_size(axes)
     return [_variant(number, cell) for number, cell in enumerate(itertools.product(*axes))]
 
@@ -103,6 +110,10 @@ def _variant(number: int, cell: Iterable[tuple[str, str | None]]) -> Variant:
     chosen = list(cell)
     return Variant(
         number,
-        tuple(path if value is None else f"{path}={value}" for path, value in chosen),
+        tuple(
+            path if value is None else f"{path}={value}"
+            for path, value in chosen
+            if (path, value) != (ATTACKS, AS_GIVEN)
+        ),
         {path: value for path, value in chosen if value is not None},
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -21,6 +22,7 @@ from orchestrator.campaign.grid import Variant, lay_grid
 from orchestrator.campaign.results import finished_trials, write_results
 from orchestrator.campaign.variants import LoadedVariant, load_variants
 from orchestrator.campaign.workers import LocalWorkers
+from orchestrator.errors import InputError
 from orchestrator.evidence.rows import FAILED
 from orchestrator.evidence.table import require_pyarrow, schema
 from orchestrator.log.provenance import versions
@@ -44,6 +46,7 @@ class Request:
     out: Path | None = None
     workers: int = 1
     dask: str | None = None
+    twins: bool = False
 
 
 class Workers(Protocol):
@@ -128,8 +131,11 @@ class Progress(Protocol):
 def prepare(request: Request) -> Campaign:
     """Return a campaign whose variants are all in order; raises `InputError` with everything that is not."""
     require_pyarrow()
-    variants: Sequence[Variant] = lay_grid(request.overrides)
-    return Campaign(request, load_variants(request.file, variants, request.seed, request.first_trial))
+    variants: Sequence[Variant] = lay_grid(request.overrides, request.twins)
+    loaded = load_variants(request.file, variants, request.seed, request.first_trial)
+    if request.twins and all(one.topology.hash == two.topology.hash for one, two in pairwise(loaded)):
+        raise InputError(f"--twin: {request.file} has no attacks, so that its twin would be the same")
+    return Campaign(request, loaded)
 
 
 def sweep(campaign: Campaign, progress: Progress) -> Path:

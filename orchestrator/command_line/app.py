@@ -11,6 +11,7 @@ import typer
 
 from orchestrator import exit_codes
 from orchestrator.command_line import log_commands
+from orchestrator.command_line.compare import compare
 from orchestrator.command_line.fit import fit
 from orchestrator.command_line.launch import launch
 from orchestrator.command_line.output import (
@@ -49,6 +50,7 @@ app = typer.Typer(
 app.add_typer(log_commands.app, name="log")
 app.command()(fit)
 app.command()(sweep)
+app.command()(compare)
 app.command()(replay)
 app.command()(report)
 

@@ -30,6 +30,9 @@ def sweep(
             help="Override a value; several values make variants. Repeatable: all combinations.",
         ),
     ] = None,
+    twin: Annotated[
+        bool, typer.Option("--twin", help="Run each variant without its attacks too: what do they cost?")
+    ] = False,
     seed: Annotated[int | None, typer.Option(help="Override the topology's seed.", min=0)] = None,
     out: Annotated[
         Path | None,
@@ -54,7 +57,8 @@ def sweep(
     from orchestrator.campaign.sweep import Request, prepare
     from orchestrator.campaign.sweep import sweep as run_sweep
 
-    request = Request(file, trials, first_trial, tuple(overrides or ()), seed, out, jobs or _cpus(), dask)
+    given = tuple(overrides or ())
+    request = Request(file, trials, first_trial, given, seed, out, jobs or _cpus(), dask, twin)
     campaign = prepare(request)
     for warning in campaign.warnings:
         typer.echo(f"warning: {warning}", err=True)

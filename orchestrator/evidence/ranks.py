@@ -70,7 +70,7 @@ def paired_difference(a: Floats, b: Floats, confidence: float = CONFIDENCE) -> D
     with np.errstate(invalid="ignore"):
         differences = np.where(a == b, 0.0, a - b)
     n = differences.size
-    least = min(1.0, 2.0 ** (1 - n))
+    least = least_p(True, n, n)
     identical = not differences.any()
     if not n or identical:
         shift = Interval(0.0, 0.0, 0.0) if n else _UNKNOWN
@@ -103,8 +103,15 @@ def unpaired_difference(a: Floats, b: Floats, confidence: float = CONFIDENCE) ->
     p_value = float(mannwhitneyu(joined[:n], joined[n:]).pvalue) if np.ptp(joined) else 1.0
     cut = _normal_cut(n * m / 2.0, n * m * (n + m + 1) / 12.0, (1.0 - confidence) / 2.0)
     shift = _inverted(apart, cut, largest)
-    least = min(1.0, 2.0 / math.comb(n + m, n))
+    least = least_p(False, n, m)
     return Difference(False, (n, m), shift, p_value, UNPAIRED_EFFECT, effect, least, False)
+
+
+def least_p(paired: bool, first: int, second: int) -> float:
+    """Return the smallest p value that samples of these sizes can give."""
+    if paired:
+        return float(min(1.0, 2.0 ** (1 - first)))
+    return min(1.0, 2.0 / math.comb(first + second, first))
 
 
 def _finite(values: Floats) -> tuple[Floats, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -50,6 +50,29 @@ class Source:
     def table(self) -> pa.Table:
         """The rows, as `orchestrator.evidence.table` describes their columns."""
         return _table_of_log(self.path) if self.kind == "run" else _table_of_campaign(self.path)
+
+    @functools.cached_property
+    def metrics(self) -> list[str]:
+        """The columns that hold one number for each estimator of a trial."""
+        import pyarrow as pa
+
+        return [field.name for field in self._schema() if pa.types.is_floating(field.type)]
+
+    def read(self, wanted: Callable[[str], bool]) -> pa.Table:
+        """Return the rows with the wanted columns only: those of a large campaign are many."""
+        names = [name for name in self._schema().names if wanted(name)]
+        if self.kind == "run":
+            return self.table.select(names)
+        import pyarrow.parquet as pq
+
+        return pq.read_table(self.path / RESULTS, columns=names)
+
+    def _schema(self) -> pa.Schema:
+        if self.kind == "run":
+            return self.table.schema
+        import pyarrow.parquet as pq
+
+        return pq.read_schema(self.path / RESULTS)
 
     @functools.cached_property
     def documents(self) -> tuple[Mapping[str, Any], ...]:

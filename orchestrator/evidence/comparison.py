@@ -1,0 +1,200 @@
+"""Whether A is better than B, by how much, and how sure that is.
+
+Every two contenders are compared in every metric, trial by trial where they share seeds and trials. All
+p values of one comparison are adjusted together (Holm 1979), so that among equals a false difference turns up
+anywhere with at most the level 1 - confidence. Intervals are those of each difference alone. A contender for
+which a metric has no value takes no part in it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from orchestrator.evidence.bootstrap import CONFIDENCE
+from orchestrator.evidence.contenders import Contender
+from orchestrator.evidence.metrics import Better, meaning_of
+from orchestrator.evidence.ranks import (
+    Difference,
+    holm,
+    least_p,
+    pair,
+    paired_difference,
+    unpaired_difference,
+)
+from orchestrator.evidence.samples import Sample, sample
+
+MARGIN = 0.05
+"""Relative differences below this are called too small to matter, unless told otherwise."""
+
+
+class Verdict(Enum):
+    """What a comparison came to."""
+
+    FIRST = "first is better"
+    SECOND = "second is better"
+    LOWER = "first is lower"
+    HIGHER = "first is higher"
+    IDENTICAL = "identical"
+    EQUAL = "equal"
+    UNDECIDED = "no difference shown"
+    TOO_FEW = "too few trials"
+    UNDEFINED = "undefined"
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Two contenders in one metric.
+
+    Parameters
+    ----------
+    metric, first, second
+        What was compared; differences are first less second.
+    difference
+        Their difference with its interval, p value and effect size.
+    p_adjusted
+        The p value after Holm's correction over all comparisons made together.
+    relative
+        The difference over the mean of the two medians (NaN where these are not positive and finite).
+    trials_needed
+        How many pairs (or trials of each) could come to a verdict at all; None where there are enough.
+    verdict
+        What follows.
+    """
+
+    metric: str
+    first: str
+    second: str
+    difference: Difference
+    p_adjusted: float
+    relative: float
+    trials_needed: int | None
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A whole comparison: the samples by metric and contender, and every two of them."""
+
+    contenders: Sequence[Contender]
+    metrics: Sequence[str]
+    confidence: float
+    margin: float
+    samples: Sequence[Sequence[Sample]]
+    compared: Sequence[Compared]
+
+
+def compare(
+    contenders: Sequence[Contender],
+    metrics: Sequence[str],
+    confidence: float = CONFIDENCE,
+    margin: float = MARGIN,
+) -> Comparison:
+    """Return every comparison of two contenders in each metric, in the order in which they are given.
+
+    Parameters
+    ----------
+    contenders, metrics
+        Who, and in what.
+    confidence
+        Of the intervals; its complement is the level of the verdicts.
+    margin
+        Relative difference up to which two are called equal, when the whole interval is within it.
+    """
+    samples = [[sample(contender.rows, metric) for contender in contenders] for metric in metrics]
+    pairs = [
+        (metric, i, j, _difference(of[i], of[j], confidence))
+        for metric, of in zip(metrics, samples, strict=True)
+        for i, j in itertools.combinations(range(len(contenders)), 2)
+    ]
+    judged = [difference.p_value for *_, difference in pairs if min(difference.sizes)]
+    adjusted = iter(holm(judged))
+    of_metric = dict(zip(metrics, samples, strict=True))
+    compared = [
+        _compared(
+            (metric, contenders[i].name, contenders[j].name),
+            (of_metric[metric][i].median, of_metric[metric][j].median),
+            difference,
+            (next(adjusted) if min(difference.sizes) else 1.0, len(judged)),
+            (confidence, margin),
+        )
+        for metric, i, j, difference in pairs
+    ]
+    return Comparison(contenders, metrics, confidence, margin, samples, compared)
+
+
+def _difference(first: Sample, second: Sample, confidence: float) -> Difference:
+    """Return the difference of two samples: paired where they have at least two trials in common."""
+    at_first, at_second = pair(first.keys, second.keys)
+    if at_first.size > 1 or (at_first.size == min(len(first.keys), len(second.keys)) == 1):
+        return paired_difference(first.values[at_first], second.values[at_second], confidence)
+    return unpaired_difference(first.values, second.values, confidence)
+
+
+def _compared(
+    names: tuple[str, str, str],
+    medians: tuple[float, float],
+    difference: Difference,
+    family: tuple[float, int],
+    settings: tuple[float, float],
+) -> Compared:
+    metric, first, second = names
+    (p, number), (confidence, margin) = family, settings
+    with np.errstate(invalid="ignore"):
+        scale = 0.5 * (medians[0] + medians[1])
+    scale = scale if np.isfinite(scale) and scale > 0.0 else np.nan
+    if min(difference.sizes):
+        needed = _needed(difference, (1.0 - confidence) / number)
+        is_significant = p <= 1.0 - confidence
+        verdict = _verdict(meaning_of(metric).better, difference, is_significant, scale * margin, needed)
+    else:
+        needed, verdict = None, Verdict.UNDEFINED
+    return Compared(metric, first, second, difference, p, difference.shift.value / scale, needed, verdict)
+
+
+def _needed(difference: Difference, level: float) -> int | None:
+    """Return how many trials could give a p value within a level, None when there are enough."""
+    if difference.least_p <= level:
+        return None
+    return next(n for n in itertools.count(1) if least_p(difference.paired, n, n) <= level)
+
+
+def _verdict(
+    better: Better, difference: Difference, is_significant: bool, equal_within: float, needed: int | None
+) -> Verdict:
+    shift = difference.shift
+    if difference.identical:
+        return Verdict.IDENTICAL
+    if is_significant:
+        is_less = difference.effect < 0.0
+        if better is Better.NEITHER:
+            return Verdict.LOWER if is_less else Verdict.HIGHER
+        return Verdict.FIRST if is_less != (better is Better.MORE) else Verdict.SECOND
+    if needed is not None:
+        return Verdict.TOO_FEW
+    if -equal_within <= shift.low and shift.high <= equal_within:
+        return Verdict.EQUAL
+    return Verdict.UNDECIDED
+
+
+def remarks(comparison: Comparison) -> Iterator[str]:
+    """Yield what a reader must know of the samples: failed, infinite and left-out trials."""
+    for metric, samples in zip(comparison.metrics, comparison.samples, strict=True):
+        for contender, own in zip(comparison.contenders, samples, strict=True):
+            yield from _remarks(contender.name, metric, own)
+
+
+def _remarks(name: str, metric: str, own: Sample) -> Iterator[str]:
+    of = f"of {own.values.size + own.undefined} trials"
+    if own.failed:
+        yield f"{name}: {own.failed} {of} failed; they count as the worst there can be"
+    if own.infinite > own.failed:
+        yield (
+            f"{name}: {metric} is infinite in {own.infinite - own.failed} {of}; these rank behind all others"
+        )
+    if own.undefined:
+        yield f"{name}: {metric} is undefined in {own.undefined} {of}; these are left out"

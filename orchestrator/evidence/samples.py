@@ -1,0 +1,85 @@
+"""One value of a metric for each trial of a contender.
+
+Where a contender has several estimators, those of a trial make one value: root mean square of root mean
+squares, sum of counts, greatest peak, mean of anything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from orchestrator.evidence.columns import Key, Rows
+from orchestrator.evidence.detectors import attack_windows
+from orchestrator.evidence.metrics import Better, is_measured_by_window, meaning_of
+from orchestrator.score.gather import Floats
+
+_TOGETHER: Mapping[str, Callable[[Floats], float]] = {
+    "rms": lambda values: float(np.sqrt(np.mean(values**2))),
+    "sum": lambda values: float(np.sum(values)),
+    "max": lambda values: float(np.max(values)),
+    "mean": lambda values: float(np.mean(values)),
+}
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The values of a metric in the trials in which it is known, infinite where unbounded.
+
+    ``failed`` trials came to no score and count as the worst there can be; ``undefined`` ones have no value
+    and are left out; ``infinite`` are those without bound, failed ones included.
+    """
+
+    keys: Sequence[Key]
+    values: Floats
+    failed: int
+    undefined: int
+
+    @property
+    def infinite(self) -> int:
+        """The number of values without bound."""
+        return int(np.isinf(self.values).sum())
+
+    @property
+    def median(self) -> float:
+        """The median, NaN of nothing."""
+        return float(np.median(self.values)) if self.values.size else np.nan
+
+
+def sample(rows: Rows, metric: str) -> Sample:
+    """Return a metric in each trial of some rows."""
+    better = meaning_of(metric).better
+    values = _by_window(rows) if is_measured_by_window(metric) else _by_trial(rows, metric)
+    worst = {Better.LESS: np.inf, Better.MORE: -np.inf}.get(better, np.nan)
+    values = np.where(rows.failed, worst, values)
+    if better is Better.ONE:
+        with np.errstate(divide="ignore"):
+            values = np.abs(np.log(values))
+        values = np.where(rows.failed, np.inf, values)
+    known = ~np.isnan(values)
+    keys = [key for key, is_known in zip(rows.keys, known, strict=True) if is_known]
+    return Sample(keys, values[known], int(rows.failed.sum()), int(np.sum(~known)))
+
+
+def _by_trial(rows: Rows, metric: str) -> Floats:
+    values = rows.scalar(metric)
+    known = ~np.isnan(values)
+    together = _TOGETHER[meaning_of(metric).together]
+    order = np.argsort(rows.trial[known], kind="stable")
+    trials, begins = np.unique(rows.trial[known][order], return_index=True)
+    found = np.full(rows.trials, np.nan)
+    found[trials] = (
+        [together(part) for part in np.split(values[known][order], begins[1:])] if trials.size else []
+    )
+    return found
+
+
+def _by_window(rows: Rows) -> Floats:
+    """Return the mean detection delay of each trial's windows: infinite when one was missed."""
+    windows, delay = attack_windows(rows)
+    delay = np.where(np.isnan(delay), np.inf, delay)
+    count = np.bincount(windows.trial, minlength=rows.trials)
+    with np.errstate(invalid="ignore"):
+        return np.where(count > 0, np.bincount(windows.trial, delay, rows.trials) / count, np.nan)
