@@ -21,10 +21,11 @@ def report(
     ],
     out: Annotated[Path, typer.Option(help="The HTML file to write.")] = Path("report.html"),
     by: Annotated[
-        str | None,
+        Literal["node", "method", "variant"] | None,
         typer.Option(
-            metavar="SETTING",
-            help="Of a campaign: compare the variants of this --set, as in estimators.method.",
+            help="Tell estimators apart one by one, by method, or not at all inside a variant. "
+            "Default: by method and parameters.",
+            show_default=False,
         ),
     ] = None,
     figures: Annotated[

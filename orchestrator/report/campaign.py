@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +22,9 @@ from orchestrator.score.gather import Floats
 SHOWN = 8
 """Groups that are drawn at first."""
 
+LABEL = 20
+"""Most letters of a line of an axis' label."""
+
 NODES = 16
 """Most estimators that can be chosen one by one."""
 
@@ -34,7 +38,7 @@ def _band_traces(found: Band, name: str, number: int, **more: Any) -> list[Trace
     at = kept(found.value)
     style, look = series_style(number), {**_visible(number), **more}
     colour = style["color"]
-    edges = band(at, found.low[at], found.high[at], name, f"{colour}/16", **look)
+    edges = band(at, found.low[at], found.high[at], name, f"{colour}/13", **look)
     middle = line(at, found.value[at], name, colour, dash=style["dash"], hovertemplate="%{y:.4g}", **look)
     for trace in edges:
         trace["showlegend"] = False
@@ -83,21 +87,24 @@ def error_curves(groups: Sequence[Group], notes: list[str]) -> Figure:
         views=views,
         layout={"xaxis": step_axis(groups[0].period_s), "hovermode": "x unified"},
         choices=(choice, Choice("Of", scope, _initial(scope))),
-        text=f"Root mean square over trials, with {100 * groups[0].confidence:g} % bootstrap bands: whole trials "
-        "are drawn again, for what happens inside one hangs together.",
+        text=f"Root mean square over trials, with {100 * groups[0].confidence:g} % bootstrap bands: whole "
+        "trials are drawn again, for what happens inside one hangs together. Dotted: the posterior "
+        "Cramér-Rao bound, as far as it is right.",
         height=420,
     )
 
 
 def _bound_trace(group: Group, state: str, which: str, number: int) -> list[Trace]:
     """Return the posterior Cramer-Rao bound, where it is right."""
-    found = efficiency(group.of(which), state, group.from_step, group.confidence)
-    if not np.isfinite(found.bound.value).any():
+    rows = group.of(which)
+    if not np.isfinite(rows.series(f"bound.{state}")).any():
         return []
+    found = efficiency(rows, state, group.from_step, group.confidence)
     at = kept(found.bound.value)
     style = {"width": 1.2, "dash": "dot", "hovertemplate": "bound %{y:.4g}", **_visible(number)}
-    name = f"bound, {group.name}"
-    return [line(at, found.bound.value[at], name, f"${SERIES[number % len(SERIES)]}", **style)]
+    colour = f"${SERIES[number % len(SERIES)]}"
+    look = {"legendgroup": group.name, "showlegend": False}
+    return [line(at, found.bound.value[at], f"bound, {group.name}", colour, **style, **look)]
 
 
 def _error_axis(title: str, values: Sequence[Floats]) -> dict[str, Any]:
@@ -117,7 +124,7 @@ def trial_spread(groups: Sequence[Group]) -> Figure:
             for number, group in enumerate(groups):
                 values = trial_rmse(group.of(which), state)
                 finite = values[np.isfinite(values)]
-                traces.append(_box(group, number, finite, int(np.isinf(values).sum())))
+                traces.append(_box(group, number, finite))
             axis = _error_axis(f"RMSE of {state}", [trace["x"] for trace in traces])
             views[state, which] = View(traces, {"xaxis": axis})
     return Figure(
@@ -135,33 +142,30 @@ def trial_spread(groups: Sequence[Group]) -> Figure:
             "margin": {"l": 30, "r": 14, "t": 10, "b": 44},
         },
         choices=(choice, Choice("Of", scope, _initial(scope))),
-        text="A point is a trial; the box holds the middle half, its line is the median. Trials that diverged "
-        "have no finite error: they are counted in the table, not drawn.",
+        text="A point is a trial; the box holds the middle half, its line is the median. Trials that "
+        "diverged have no finite error: they are counted in the table, not drawn.",
         height=int(np.clip(100 + 54 * len(groups), 220, 760)),
     )
 
 
-def label(number: int, group: Group) -> str:
-    """Return a label for an axis: short names as they are, long ones broken into lines at commas."""
-    parts = group.name.split(", ")
-    lines, current = [], ""
-    for part in parts:
-        if current and len(current) + len(part) > 22:
-            lines.append(current)
-            current = part
-        else:
-            current = f"{current}, {part}" if current else part
-    return "<br>".join([*lines, current])
+def label(group: Group) -> str:
+    """Return a name for an axis, broken into short lines at commas and underscores."""
+    lines = [""]
+    for part in re.findall(r"[^,_]+[,_]?", group.name):
+        if lines[-1] and len(lines[-1]) + len(part) > LABEL:
+            lines.append("")
+        lines[-1] += part
+    return "<br>".join(own.strip() for own in lines)
 
 
-def _box(group: Group, number: int, values: Floats, infinite: int) -> Trace:
+def _box(group: Group, number: int, values: Floats) -> Trace:
     colour = f"${SERIES[number % len(SERIES)]}"
     thinned = values[kept(np.sort(values), POINTS)] if values.size > POINTS else values
     return {
         "type": "box",
         "orientation": "h",
         "x": thinned,
-        "y": [label(number, group)] * thinned.size,
+        "y": [label(group)] * thinned.size,
         "name": group.name,
         "line": {"color": colour, "width": 1.5},
         "fillcolor": f"{colour}/20",
@@ -175,16 +179,15 @@ def _box(group: Group, number: int, values: Floats, infinite: int) -> Trace:
 
 
 def outcome_figure(groups: Sequence[Group]) -> Figure:
-    """Return which share of the trials passed, fell short, diverged or failed."""
+    """Return which share of the trials of each group passed, fell short, diverged or failed."""
     kinds = ("passed", "expectation failed", "diverged", "no score")
     colours = ("$green", "$amber", "$attack", "$slate")
     shares = np.zeros((len(kinds), len(groups)))
     for column, group in enumerate(groups):
-        passed, trials = group.passed()
-        diverged, failed = group.diverged()[0], int(group.rows.failed.sum())
-        both = max(trials - passed - failed - diverged, 0)
-        shares[:, column] = np.array([passed, both, trials - failed - passed - both, failed]) / max(trials, 1)
-    labels = [label(number, group) for number, group in enumerate(groups)]
+        passed, diverged, failed = group.passed, group.diverged & ~group.passed, group.rows.failed
+        short = ~(passed | diverged | failed)
+        shares[:, column] = [part.mean() for part in (passed, short, diverged, failed)]
+    labels = [label(group) for group in groups]
     traces = [
         {
             "type": "bar",
@@ -207,10 +210,10 @@ def outcome_figure(groups: Sequence[Group]) -> Figure:
             "bargap": 0.35,
             "xaxis": {"range": [0, 1], "tickformat": ".0%", "title": {"text": "share of trials"}},
             "yaxis": {"type": "category", "autorange": "reversed", "showgrid": False},
-            "margin": {"l": 30, "r": 14, "t": 10, "b": 44},
+            "margin": {"l": 30, "r": 28, "t": 10, "b": 44},
         },
-        text="A trial passes when all that its topology expects holds; one that diverged is shown as diverged "
-        "unless it passed all the same.",
+        text="A trial passes when all that its topology expects holds; one that diverged is shown as "
+        "diverged unless it passed all the same.",
         height=int(np.clip(100 + 40 * len(groups), 180, 640)),
     )
 
@@ -243,8 +246,8 @@ def consistency_curves(groups: Sequence[Group], notes: list[str]) -> Figure | No
             Choice("Figure", [("nees", "ANEES"), ("nis", "ANIS")], "nees"),
         ),
         text="NEES or NIS of one estimator, averaged over trials and divided by its degrees of freedom: 1 is "
-        f"consistent. A consistent one stays within its band in {100 * groups[0].confidence:g} % of the steps; "
-        "above, it is too sure of itself, below too careful.",
+        f"consistent. A consistent one stays within its band in {100 * groups[0].confidence:g} % of the "
+        "steps; above, it is too sure of itself, below too careful.",
         height=380,
     )
 
@@ -263,8 +266,14 @@ def _consistency_traces(groups: Sequence[Group], node: str, what: str) -> list[T
             dof = np.nan_to_num(rows.series("nis_dof")).astype(np.int64)
         found = by_step(figures, dof, confidence=group.confidence)
         if np.isfinite(found.ratio).any():
-            traces += _band_traces(Band(found.ratio, found.low, found.high), group.name, number)
+            own = _band_traces(Band(found.ratio, found.low, found.high), group.name, number)
+            traces += own[2:] if _drawn_already(own[1]["y"], traces) else own
     return traces
+
+
+def _drawn_already(high: Floats, traces: Sequence[Trace]) -> bool:
+    """Return whether a band of the same upper edge is there: variants with as many packets share it."""
+    return any("fill" in trace and np.array_equal(trace["y"], high, equal_nan=True) for trace in traces)
 
 
 def pareto_figure(groups: Sequence[Group]) -> Figure | None:
@@ -278,14 +287,19 @@ def pareto_figure(groups: Sequence[Group]) -> Figure | None:
     for state, _ in choice.options:
         for which, _ in scope:
             errors = [rmse(group.of(which), state, group.confidence) for group in groups]
-            views[state, which] = View(_pareto_traces(groups, rates[which], errors))
+            axis = _error_axis(f"RMSE of {state}", [np.array([error.value for error in errors])])
+            views[state, which] = View(_pareto_traces(groups, rates[which], errors), {"yaxis": axis})
     return Figure(
         name="pareto",
         title="Communication against error",
         views=views,
         layout={
-            "xaxis": {"title": {"text": "slots with a packet"}, "tickformat": ".0%", "zeroline": False},
-            "yaxis": {"title": {"text": "RMSE"}, "zeroline": False},
+            "xaxis": {
+                "title": {"text": "slots with a packet"},
+                "tickformat": ".0%",
+                "range": [0.0, 1.06],
+                "zeroline": False,
+            },
         },
         choices=(choice, Choice("Of", scope, _initial(scope))),
         text="Left and low is better. The line joins those that nobody beats in both at once; bars are "

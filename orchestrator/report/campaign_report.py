@@ -10,6 +10,7 @@ from orchestrator.evidence.detectors import Detection
 from orchestrator.evidence.figures import consistency, efficiency, rmse, sent_rate
 from orchestrator.evidence.intervals import Interval, share
 from orchestrator.evidence.sources import Source
+from orchestrator.evidence.timing import step_time
 from orchestrator.report.campaign import (
     consistency_curves,
     disagreement_figure,
@@ -18,9 +19,10 @@ from orchestrator.report.campaign import (
     pareto_figure,
     trial_spread,
 )
-from orchestrator.report.contents import Figure, Mark, Page, Section, Table, Text, Tile
+from orchestrator.report.comparison import comparison_blocks, price_tables
+from orchestrator.report.contents import Block, Mark, Page, Section, Table, Text, Tile
 from orchestrator.report.delays import detections, operating_figure, roc_curves, survival_figure
-from orchestrator.report.groups import Group, find_groups
+from orchestrator.report.groups import By, Group, Outcomes, find_groups
 
 _TONES = {"consistent": "good", "overconfident": "bad", "conservative": "warn", "unknown": "plain"}
 
@@ -41,28 +43,39 @@ def interval(found: Interval, percent: bool = False) -> str:
 
 
 def _variant_table(groups: Sequence[Group]) -> Table:
-    states = groups[0].groups
     rows = []
     for group in groups:
-        passed, trials = group.passed()
-        diverged, scored = group.diverged()
+        own = Outcomes.of([group])
         rows.append(
             (
                 group.name,
-                f"{trials}",
-                f"{int(group.rows.failed.sum())}",
-                interval(share(passed, trials), percent=True),
-                interval(share(diverged, scored), percent=True),
-                *(interval(rmse(group.rows, state, group.confidence)) for state in states),
+                _span(group.nodes),
+                f"{own.trials:,}",
+                f"{own.failed:,}",
+                interval(share(own.passed, own.trials), percent=True),
+                interval(share(own.diverged, own.trials - own.failed), percent=True),
                 interval(sent_rate(group.rows), percent=True),
             )
         )
     columns = (
-        *("variant", "trials", "without score", "passed", "diverged"),
-        *(f"RMSE {state}" for state in states),
+        *("variant", "estimators", "trials", "without score", "passed", "diverged"),
         "slots with a packet",
     )
-    return Table("Variants, with intervals over trials", columns, rows)
+    return Table("Variants, with intervals over trials", columns, rows, frozenset({0, 1}))
+
+
+def _span(nodes: Sequence[str]) -> str:
+    return ", ".join(nodes) if len(nodes) <= 3 else f"{nodes[0]} to {nodes[-1]} ({len(nodes)})"
+
+
+def _error_table(groups: Sequence[Group]) -> Table:
+    states = groups[0].groups
+    rows = [
+        (group.name, *(interval(rmse(group.rows, state, group.confidence)) for state in states))
+        for group in groups
+    ]
+    columns = ("variant", *("whole state" if state == "state" else state for state in states))
+    return Table("RMSE over all scored steps and trials", columns, rows)
 
 
 def _consistency_table(groups: Sequence[Group]) -> Table:
@@ -73,7 +86,7 @@ def _consistency_table(groups: Sequence[Group]) -> Table:
             own = split.all
             if np.isnan(own.ratio):
                 continue
-            bounds = "-" if np.isnan(own.low) else f"{own.low:.3f} to {own.high:.3f}"
+            bounds = "-" if np.isnan(own.low) else f"{max(own.low, 0.0):.4g} to {own.high:.4g}"
             rows.append(
                 (
                     group.name,
@@ -93,26 +106,29 @@ def _consistency_table(groups: Sequence[Group]) -> Table:
 def _white(p_value: float) -> str:
     if np.isnan(p_value):
         return "-"
-    return f"{'yes' if p_value >= 0.05 else 'no'} (p {p_value:.2g})"
+    shown = "p < 0.001" if p_value < 0.001 else f"p {p_value:.2g}"
+    return f"{'yes' if p_value >= 0.05 else 'no'} ({shown})"
 
 
-def _bound_table(groups: Sequence[Group]) -> Table | None:
-    states, rows = groups[0].groups, []
+def _bound_blocks(groups: Sequence[Group]) -> list[Table | Text]:
+    """Return errors by the posterior Cramér-Rao bound, and where it is refused and why."""
+    states, rows, reasons = groups[0].groups, [], dict[str, int]()
     for group in groups:
         own = [efficiency(group.rows, state, group.from_step, group.confidence) for state in states]
-        refused = "; ".join(f"{reason} ({count} rows)" for reason, count in own[-1].refused.items())
-        rows.append(
-            (
-                group.name,
-                *(interval(part.ratio) for part in own),
-                f"{100 * own[-1].steps:.3g} %",
-                ", ".join(own[-1].given),
-                refused,
-            )
-        )
-    columns = ("variant", *(f"{state}" for state in states), "of the steps", "given", "refused because")
-    words = frozenset({0, len(columns) - 2, len(columns) - 1})
-    return Table("RMSE by the posterior Cramér-Rao bound, where that is right", columns, rows, words)
+        for reason, count in own[-1].refused.items():
+            reasons[reason] = reasons.get(reason, 0) + count
+        if own[-1].steps:
+            ratios = (interval(part.ratio) for part in own)
+            rows.append((group.name, *ratios, f"{100 * own[-1].steps:.3g} %", ", ".join(own[-1].given)))
+    columns = ("variant", *states, "of the steps", "given")
+    title = "RMSE over the posterior Cramér-Rao bound, in the steps in which that is right"
+    blocks: list[Table | Text] = []
+    if rows:
+        blocks.append(Table(title, columns, rows, frozenset({0, len(columns) - 1})))
+    if reasons:
+        told = "; ".join(f"{reason} ({count:,} rows)" for reason, count in sorted(reasons.items())[:6])
+        blocks.append(Text(f"The posterior Cramér-Rao bound is refused where it would be wrong: {told}."))
+    return blocks
 
 
 def _detection_table(found: Mapping[str, Detection]) -> Table:
@@ -129,7 +145,7 @@ def _detection_table(found: Mapping[str, Detection]) -> Table:
         for name, own in found.items()
     ]
     columns = (
-        *("variant", "attacked rejected", "genuine rejected", "packets between false alarms"),
+        *("variant", "attacked rejected", "genuine rejected", "genuine a false alarm"),
         *("AUC", "attacks found", "median delay"),
     )
     return Table("Detectors, with intervals over trials", columns, rows)
@@ -146,10 +162,10 @@ def _steps(found: Interval) -> str:
     )
 
 
-def _failure_table(groups: Sequence[Group], sources: Sequence[Source]) -> Table | None:
+def _failure_table(sources: Sequence[Source]) -> Table | None:
     rows = []
     for source in sources:
-        table = source.table.select(["variant", "trial", "seed", "status", "message"])
+        table = source.read(lambda name: name in ("variant", "trial", "seed", "status", "message"))
         rows += [
             (source.name, row["variant"], row["trial"], row["seed"], row["message"])
             for row in table.to_pylist()
@@ -163,22 +179,28 @@ def _failure_table(groups: Sequence[Group], sources: Sequence[Source]) -> Table 
 
 def _origin_table(source: Source) -> Table:
     facts = dict(source.provenance)
-    versions = facts.pop("versions", {}) or {key: text for key, text in facts.items() if "version." in key}
-    named = ", ".join(f"{key.removeprefix('version.')} {text}" for key, text in versions.items())
-    rows = [
-        ("results", str(source.path)),
-        ("topology", source.name),
-        *(
-            (title, _plain(facts[key]))
-            for key, title in (
-                *(("file", "file"), ("seed", "seed"), ("first_trial", "first trial"), ("trials", "trials")),
-                *(("trial", "trial"), ("overrides", "settings"), ("topology_hash", "topology hash")),
-                *(("topology_hashes", "topology hashes"), ("git_commit", "commit")),
-            )
-            if key in facts
-        ),
-        ("versions", named),
+    told = {**facts, **facts.get("versions", {})}
+    versions = {key.partition(".")[2]: text for key, text in told.items() if key.startswith("version.")}
+    time = step_time(source)
+    titles = {
+        "file": "file",
+        "seed": "seed",
+        "first_trial": "first trial",
+        "trials": "trials",
+        "trial": "trial",
+        "overrides": "settings",
+        "topology_hash": "topology hash",
+        "topology_hashes": "topology hashes",
+        "git_commit": "commit",
+        "machine": "machine",
+    }
+    rows = [("results", str(source.path)), ("topology", source.name)]
+    rows += [
+        (title, _plain(told[key])) for key, title in titles.items() if told.get(key) not in (None, [], "")
     ]
+    rows.append(("versions", ", ".join(f"{name} {text}" for name, text in versions.items())))
+    if time.trials:
+        rows.append(("time of a step", f"{1e3 * time.p50_s:.3g} ms, 95 % below {1e3 * time.p95_s:.3g} ms"))
     return Table(f"Where {source.name} comes from", (), rows, frozenset({0, 1}))
 
 
@@ -186,11 +208,11 @@ def _plain(value: object) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def _detection_blocks(found: Mapping[str, Detection]) -> list[Figure | Table | Text]:
+def _detection_blocks(found: Mapping[str, Detection]) -> list[Block]:
     if not found:
         return [Text("No estimator judged any packet: there is no detector to report on.")]
     figures = [roc_curves(found), survival_figure(found), operating_figure(found)]
-    blocks: list[Figure | Table | Text] = [_detection_table(found), *(own for own in figures if own)]
+    blocks: list[Block] = [_detection_table(found), *(own for own in figures if own)]
     if figures[0] is None:
         blocks.append(Text("There is no ROC: it needs both attacked and genuine packets with a verdict."))
     return blocks
@@ -198,80 +220,55 @@ def _detection_blocks(found: Mapping[str, Detection]) -> list[Figure | Table | T
 
 def _headline(groups: Sequence[Group]) -> str:
     """Return in a sentence what became of the trials, and who erred least."""
-    passed = sum(group.passed()[0] for group in groups)
-    trials = sum(group.passed()[1] for group in groups)
-    diverged = sum(group.diverged()[0] for group in groups)
-    told = f"All that was expected held in {passed:,} of {trials:,} trials"
-    told += f"; {diverged:,} diverged" if diverged else "; none diverged"
-    if len(groups) < 2:
-        return f"{told}."
+    own = Outcomes.of(groups)
+    told = f"All that was expected held in {own.passed:,} of {own.trials:,} trials"
+    told += f"; in {own.diverged:,} an estimator diverged" if own.diverged else "; no estimator diverged"
     state = groups[0].groups[0]
     errors = {group.name: rmse(group.rows, state, group.confidence) for group in groups}
     known = {name: own for name, own in errors.items() if np.isfinite(own.value)}
-    if not known:
+    if len(known) < 2:
         return f"{told}."
     best = min(known, key=lambda name: known[name].value)
-    return f"{told}. Smallest RMSE of {state}: {best}, {interval(known[best])}."
+    where = "the state" if state == "state" else state
+    return f"{told}. The smallest RMSE of {where} is that of {best}: {interval(known[best])}."
 
 
 def _tiles(groups: Sequence[Group]) -> list[Tile]:
-    trials = sum(group.rows.trials for group in groups)
-    failed = sum(int(group.rows.failed.sum()) for group in groups)
-    passed = sum(group.passed()[0] for group in groups)
-    diverged = sum(group.diverged()[0] for group in groups)
-    scored = max(trials - failed, 1)
+    own = Outcomes.of(groups)
+    scored = max(own.trials - own.failed, 1)
+    variants = len({group.variant for group in groups})
     return [
-        Tile("Variants and methods", f"{len(groups)}"),
-        Tile("Trials", f"{trials:,}", "of all of these"),
-        Tile("Passed", f"{100 * passed / max(trials, 1):.3g} %", f"{passed:,} of {trials:,}"),
+        Tile("Variants", f"{variants}", f"{len(groups)} groups of estimators"),
+        Tile("Trials", f"{own.trials:,}", f"{own.trials / variants:g} of each" if variants > 1 else ""),
+        Tile("Passed", f"{100 * own.passed / max(own.trials, 1):.3g} %", f"{own.passed:,} of {own.trials:,}"),
         Tile(
             "Diverged",
-            f"{100 * diverged / scored:.3g} %",
-            f"{diverged:,} of {scored:,}",
-            tone="bad" if diverged else "plain",
+            f"{100 * own.diverged / scored:.3g} %",
+            f"{own.diverged:,} of {scored:,}",
+            tone="bad" if own.diverged else "plain",
         ),
-        Tile("Without a score", f"{failed:,}", tone="warn" if failed else "plain"),
+        Tile("Without a score", f"{own.failed:,}", tone="warn" if own.failed else "plain"),
     ]
 
 
-def campaign_page(sources: Sequence[Source]) -> Page:
-    """Return the page of a campaign, or of several sources side by side."""
-    groups, notes = find_groups(sources), list[str]()
-    found = detections(groups)
-    failures, apart = _failure_table(groups, sources), disagreement_figure(groups)
-    curves, pareto, bound = consistency_curves(groups, notes), pareto_figure(groups), _bound_table(groups)
+def campaign_page(sources: Sequence[Source], by: By | None = None) -> Page:
+    """Return the page of a campaign, or of several sources side by side; ``by`` as `find_groups` says."""
+    notes: list[str] = []
+    groups = find_groups(sources, by, notes)
     sections = [
-        Section(
-            "variants-section",
-            "Variants",
-            [_variant_table(groups), outcome_figure(groups), *([failures] if failures else [])],
-        ),
-        Section(
-            "errors-section",
-            "Errors",
-            [error_curves(groups, notes), trial_spread(groups), *([bound] if bound else [])],
-        ),
-        Section(
-            "consistency-section",
-            "Consistency",
-            [_consistency_table(groups), *([curves] if curves else [])],
-        ),
-        Section("detection-section", "Detection", _detection_blocks(found)),
-        Section(
-            "communication-section",
-            "Communication",
-            [
-                *([pareto] if pareto else []),
-                *([apart] if apart else []),
-                *([] if pareto or apart else [Text("There is one variant, and no network to disagree.")]),
-            ],
-        ),
+        Section("variants-section", "Variants", _variant_blocks(groups, sources)),
+        Section("errors-section", "Errors", _error_blocks(groups, notes)),
+        Section("consistency-section", "Consistency", _consistency_blocks(groups, notes)),
+        Section("detection-section", "Detection", _detection_blocks(detections(groups))),
+        Section("communication-section", "Communication", _communication_blocks(groups)),
         Section("origin-section", "Provenance", [_origin_table(source) for source in sources]),
     ]
-    failed = any(bool(group.rows.failed.any()) for group in groups)
-    names = list(dict.fromkeys(source.name for source in sources))
+    compared = comparison_blocks(groups, notes)
+    if compared:
+        sections.insert(1, Section("comparison-section", "Comparison", compared))
+    failed = bool(Outcomes.of(groups).failed)
     return Page(
-        title=" and ".join(names),
+        title=" and ".join(dict.fromkeys(source.name for source in sources)),
         kind="Campaign report" if len(sources) == 1 else "Comparison",
         word="PARTLY FAILED" if failed else "DONE",
         tone="warn" if failed else "plain",
@@ -281,6 +278,31 @@ def campaign_page(sources: Sequence[Source]) -> Page:
         sections=sections,
         notes=notes,
     )
+
+
+def _variant_blocks(groups: Sequence[Group], sources: Sequence[Source]) -> list[Block]:
+    failures = _failure_table(sources)
+    return [_variant_table(groups), outcome_figure(groups), *([failures] if failures else [])]
+
+
+def _error_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
+    return [
+        _error_table(groups),
+        error_curves(groups, notes),
+        trial_spread(groups),
+        *price_tables(groups),
+        *_bound_blocks(groups),
+    ]
+
+
+def _consistency_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
+    curves = consistency_curves(groups, notes)
+    return [_consistency_table(groups), *([curves] if curves else [])]
+
+
+def _communication_blocks(groups: Sequence[Group]) -> list[Block]:
+    found = [own for own in (pareto_figure(groups), disagreement_figure(groups)) if own]
+    return [*found] or [Text("There is one group of estimators, and no network in which to disagree.")]
 
 
 def _facts(groups: Sequence[Group]) -> str:

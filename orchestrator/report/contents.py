@@ -94,6 +94,10 @@ class Text:
     text: str
 
 
+Block = Figure | Table | Text
+"""What a section is made of."""
+
+
 @dataclass(frozen=True)
 class Tile:
     """A figure to be seen first: its name, its value, and a remark."""
@@ -110,7 +114,7 @@ class Section:
 
     name: str
     title: str
-    blocks: Sequence[Figure | Table | Text]
+    blocks: Sequence[Block]
     lead: str = ""
 
 

@@ -20,8 +20,8 @@ def detections(groups: Sequence[Group]) -> dict[str, Detection]:
     """Return what is known of the detectors of each group that has any, by its name."""
     found = {}
     for group in groups:
-        if group.rows.flat("packet.alarm")[1].size:
-            found[group.name] = detection(group.rows, confidence=group.confidence)
+        if group.judged.flat("packet.alarm")[1].size:
+            found[group.name] = detection(group.judged, confidence=group.confidence)
     return found
 
 
@@ -46,7 +46,7 @@ def survival_figure(found: Mapping[str, Detection]) -> Figure | None:
         title="How long attacks stay unseen",
         views={(): View(traces)},
         layout={
-            "xaxis": {"title": {"text": "steps since the attack began"}, "rangemode": "tozero"},
+            "xaxis": {"title": {"text": "steps of the attack that went by"}, "rangemode": "tozero"},
             "yaxis": {
                 "title": {"text": "attacks without an alarm"},
                 "tickformat": ".0%",
@@ -61,7 +61,8 @@ def survival_figure(found: Mapping[str, Detection]) -> Figure | None:
 
 
 def _stairs(found: Band, name: str, number: int) -> list[Trace]:
-    at = np.arange(found.value.size)
+    at = np.arange(found.value.size + 1)
+    found = Band(*(np.concatenate([[1.0], part]) for part in (found.value, found.low, found.high)))
     style = series_style(number)
     look = {"visible": True if number < SHOWN else "legendonly"}
     edges = band(at, found.low, found.high, name, f"{style['color']}/16", **look)
@@ -98,8 +99,8 @@ def operating_figure(found: Mapping[str, Detection]) -> Figure | None:
                 **trace,
                 "marker": {"size": 5, "color": style["color"]},
                 "customdata": [float(f"{point.threshold:.4g}") for point in points],
-                "hovertemplate": f"{name}<br>threshold %{{customdata}}: delay %{{y:.3g}} steps, a false alarm "
-                "every %{x:.3g} packets<extra></extra>",
+                "hovertemplate": f"{name}<br>threshold %{{customdata}}: delay %{{y:.3g}} steps, "
+                "a false alarm every %{x:.3g} packets<extra></extra>",
                 "visible": True if number < SHOWN else "legendonly",
             }
         )

@@ -1,42 +1,71 @@
-"""What a page of many trials compares: the estimators of one method in one variant of one source."""
+"""What a page of many trials tells apart: estimators of one kind in one variant of one source."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from orchestrator.evidence.bootstrap import CONFIDENCE
 from orchestrator.evidence.columns import ColumnError, Rows, select, state_groups
-from orchestrator.evidence.sources import Source
+from orchestrator.evidence.sources import RESULTS, Source
 from orchestrator.evidence.table import SWEPT
 from orchestrator.report.errors import ReportError
-from orchestrator.score.gather import Floats
+from orchestrator.score.gather import Bools, Floats
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 ALL, ATTACKED = "all", "attacked"
+By = Literal["node", "method", "variant"]
+
+MOST = 40
+"""Most groups that a page tells of."""
+
+_KEYS = ("variant", "trial", "seed", "node", "method", "status")
+_EVENTS = ("packet.", "window.")
+
+PACKETS = 4_000_000
+"""Most judged packets that are read."""
 
 
 @dataclass(frozen=True)
 class Group:
-    """The rows of one method in one variant, under a name of its own.
+    """The rows of some estimators of one variant, under a name of its own.
 
-    ``settings`` are the variant's own values by their path, ``nodes`` the estimators, and ``attacked`` those
-    of them that an attack reached in any trial. ``from_step`` and ``confidence`` are the score's options.
+    ``variant`` is the number of the source and of its variant, ``nodes`` are the estimators, and ``attacked``
+    those of them that an attack reached in any trial. ``judged`` holds the rows with the packets that
+    detectors judged, of fewer trials where these are very many. ``document`` is the resolved topology.
     """
 
     name: str
-    settings: Mapping[str, str]
-    method: str
+    variant: tuple[int, int]
     rows: Rows
+    judged: Rows
     nodes: Sequence[str]
     attacked: Sequence[str]
-    from_step: int
-    confidence: float
-    period_s: float
+    document: Mapping[str, Any]
+
+    @property
+    def from_step(self) -> int:
+        """The first step that counts in averages."""
+        return int(self._options.get("from_step", 0))
+
+    @property
+    def confidence(self) -> float:
+        """The confidence of intervals and bounds."""
+        return float(self._options.get("confidence", CONFIDENCE))
+
+    @property
+    def period_s(self) -> float:
+        """The length of a step (s)."""
+        return float(self.document["period_s"])
+
+    @property
+    def _options(self) -> Mapping[str, Any]:
+        return self.document.get("score") or {}
 
     def of(self, which: str) -> Rows:
         """Return the rows of all estimators, of the attacked ones, or of the one that is named."""
@@ -49,21 +78,47 @@ class Group:
 
     @property
     def groups(self) -> list[str]:
-        """The state groups that errors are told of; ``state``, all of it, comes last."""
-        found = state_groups(self.rows.table)
-        return [*(name for name in found if name != "state"), "state"]
+        """The state groups that errors are told of: ``position`` first, ``state``, all of it, last."""
+        found = [name for name in state_groups(self.rows.table) if name != "state"]
+        return [*sorted(found, key=lambda name: name != "position"), "state"]
 
-    def passed(self) -> tuple[int, int]:
-        """Return how many trials held all that was expected, and how many there are."""
+    @property
+    def passed(self) -> Bools:
+        """Which trials (T,) held all that was expected."""
         own = np.zeros(self.rows.trials, dtype=bool)
         own[self.rows.trial[self.rows.scalar("passed") == 1.0]] = True
-        return int(own.sum()), self.rows.trials
+        return own
 
-    def diverged(self) -> tuple[int, int]:
-        """Return in how many scored trials any of the estimators diverged, and how many were scored."""
+    @property
+    def diverged(self) -> Bools:
+        """In which trials (T,) any of these estimators diverged."""
         own = np.zeros(self.rows.trials, dtype=bool)
         own[self.rows.trial[np.isfinite(self.rows.scalar("divergence_step"))]] = True
-        return int(own.sum()), int(np.sum(~self.rows.failed))
+        return own
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    """What became of trials: how many there are, and how many of them were each of these."""
+
+    trials: int
+    passed: int
+    diverged: int
+    failed: int
+
+    @staticmethod
+    def of(groups: Sequence[Group]) -> Outcomes:
+        """Return the outcomes of the trials of some groups; groups of one variant have the same trials."""
+        variants: dict[tuple[int, int], list[Group]] = {}
+        for group in groups:
+            variants.setdefault(group.variant, []).append(group)
+        own = list(variants.values())
+        return Outcomes(
+            trials=sum(parts[0].rows.trials for parts in own),
+            passed=sum(int(np.any([part.passed for part in parts], axis=0).sum()) for parts in own),
+            diverged=sum(int(np.any([part.diverged for part in parts], axis=0).sum()) for parts in own),
+            failed=sum(int(parts[0].rows.failed.sum()) for parts in own),
+        )
 
 
 def trial_rmse(rows: Rows, group: str) -> Floats:
@@ -89,43 +144,108 @@ def short_names(paths: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def find_groups(sources: Sequence[Source]) -> list[Group]:
-    """Return the groups of some sources, in their order; raises `ReportError` when none was scored."""
-    found = [group for source in sources for group in _groups_of(source, len(sources) > 1)]
+def find_groups(sources: Sequence[Source], by: By | None, notes: list[str]) -> list[Group]:
+    """Return the groups of some sources, in their order; raises `ReportError` when nothing was scored.
+
+    ``by`` says what estimators of a variant make a group: each alone (``node``), those of one ``method``, or
+    all (``variant``). By default it is those that differ in nothing but what they hear.
+    """
+    found = [
+        group
+        for number, source in enumerate(sources)
+        for group in _groups_of(source, number, source.name if len(sources) > 1 else "", by, notes)
+    ]
     if not found:
         raise ReportError(f"{sources[0].path} holds no trial that was scored: there is nothing to report")
+    if len(found) > MOST:
+        notes.append(f"{MOST} of {len(found)} groups of estimators are reported, the first of them.")
+        found = found[:MOST]
     names = [group.name for group in found]
     return [
-        group if names.count(group.name) == 1 else _renamed(group, f"{group.name} [{number}]")
+        group if names.count(group.name) == 1 else replace(group, name=f"{group.name} [{number}]")
         for number, group in enumerate(found, start=1)
     ]
 
 
-def _renamed(group: Group, name: str) -> Group:
-    from dataclasses import replace
-
-    return replace(group, name=name)
-
-
-def _groups_of(source: Source, several: bool) -> list[Group]:
-    table, documents = source.table, source.documents
-    variants = sorted(set(table.column("variant").to_pylist()))
-    found = []
-    for variant in variants:
+def _groups_of(source: Source, number: int, title: str, by: By | None, notes: list[str]) -> list[Group]:
+    table, judged = source.read(lambda name: not name.startswith("packet.")), _judged(source, notes)
+    documents, found = source.documents, []
+    for variant in sorted(set(table.column("variant").to_pylist())):
         document = documents[variant] if variant < len(documents) else documents[0]
         settings = _settings(table, variant)
         try:
             whole = select(table, variant=variant)
         except ColumnError:
             continue
-        methods = list(dict.fromkeys(whole.text("method")))
         short = short_names(list(settings))
         own = ", ".join(f"{short[path]} {value}" for path, value in settings.items())
-        for method in methods:
-            parts = [source.name if several else "", own, method if len(methods) > 1 or not own else ""]
-            rows = select(table, variant=variant, methods=[method])
-            found.append(_group(", ".join(part for part in parts if part), settings, method, rows, document))
+        parts = _parts(whole, document, by)
+        for name, nodes in parts.items():
+            shown = name if len(parts) > 1 or not (own or title) else ""
+            rows = select(table, variant=variant, nodes=nodes)
+            found.append(
+                Group(
+                    name=", ".join(part for part in (title, own, shown) if part),
+                    variant=(number, variant),
+                    rows=rows,
+                    judged=select(judged, variant=variant, nodes=nodes),
+                    nodes=nodes,
+                    attacked=_attacked(rows),
+                    document=document,
+                )
+            )
     return found
+
+
+def _judged(source: Source, notes: list[str]) -> pa.Table:
+    """Return the rows with their judged packets: of the first trials only, where these are very many."""
+    if source.kind == "run":
+        return source.table
+    import pyarrow.parquet as pq
+
+    file = source.path / RESULTS
+    held = pq.ParquetFile(file)
+    names = [name for name in held.schema_arrow.names if name in _KEYS or name.startswith(_EVENTS)]
+    held = held.metadata
+    groups = (held.row_group(i) for i in range(held.num_row_groups))
+    packets = sum(
+        group.column(i).num_values
+        for group in groups
+        for i in range(group.num_columns)
+        if group.column(i).path_in_schema.startswith("packet.step")
+    )
+    if packets <= PACKETS:
+        return pq.read_table(file, columns=names)
+    first, trials = int(source.provenance["first_trial"]), int(source.provenance["trials"])
+    some = max(2, trials * PACKETS // packets)
+    notes.append(
+        f"Detection is told of the first {some} of {trials} trials: {packets:,} packets were judged."
+    )
+    return pq.read_table(file, columns=names, filters=[("trial", "<", first + some)])
+
+
+def _parts(rows: Rows, document: Mapping[str, Any], by: By | None) -> dict[str, list[str]]:
+    """Return the estimators of a variant that belong together, under a name for each."""
+    method = dict(zip(rows.text("node"), rows.text("method"), strict=True))
+    if by == "node":
+        return {node: [node] for node in method}
+    if by == "variant":
+        return {"all estimators": list(method)}
+    parts: dict[tuple[str, str], list[str]] = {}
+    for node, own in method.items():
+        stated = (document.get("estimators") or {}).get(node) or {}
+        differs = {key: value for key, value in stated.items() if key not in ("sensors", "weights")}
+        key = own, "" if by == "method" else repr(sorted(differs.items(), key=lambda item: item[0]))
+        parts.setdefault(key, []).append(node)
+    methods = [own for own, _ in parts]
+    return {
+        own if methods.count(own) == 1 else f"{own} {_span(nodes)}": nodes
+        for (own, _), nodes in parts.items()
+    }
+
+
+def _span(nodes: Sequence[str]) -> str:
+    return nodes[0] if len(nodes) == 1 else f"{nodes[0]} to {nodes[-1]}"
 
 
 def _settings(table: pa.Table, variant: int) -> dict[str, str]:
@@ -134,20 +254,7 @@ def _settings(table: pa.Table, variant: int) -> dict[str, str]:
     return {name.removeprefix(SWEPT): str(table.column(name)[at].as_py()) for name in swept}
 
 
-def _group(
-    name: str, settings: Mapping[str, str], method: str, rows: Rows, document: Mapping[str, Any]
-) -> Group:
-    options = document.get("score") or {}
-    nodes = rows.text("node")
+def _attacked(rows: Rows) -> tuple[str, ...]:
     hit = np.nansum(rows.series("attacked"), axis=1) > 0
-    return Group(
-        name=name,
-        settings=settings,
-        method=method,
-        rows=rows,
-        nodes=tuple(dict.fromkeys(nodes)),
-        attacked=tuple(dict.fromkeys(node for node, own in zip(nodes, hit, strict=True) if own)),
-        from_step=int(options.get("from_step", 0)),
-        confidence=float(options.get("confidence", 0.95)),
-        period_s=float(document["period_s"]),
-    )
+    nodes = rows.text("node")
+    return tuple(dict.fromkeys(node for node, own in zip(nodes, hit, strict=True) if own))

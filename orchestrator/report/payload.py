@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -33,7 +34,7 @@ class _Store:
         self._numbers: dict[tuple[str, str], int] = {}
 
     def plain(self, value: Any) -> Any:
-        """Return a value with its arrays replaced by ``{"array": number}``."""
+        """Return a value with ``{"array": number}`` for its arrays, and null for what is not finite."""
         if isinstance(value, np.ndarray):
             return self._stored(value)
         if isinstance(value, dict):
@@ -41,12 +42,12 @@ class _Store:
         if isinstance(value, list | tuple):
             return [self.plain(item) for item in value]
         if isinstance(value, np.generic):
-            return value.item()
-        return value
+            return self.plain(value.item())
+        return None if isinstance(value, float) and not math.isfinite(value) else value
 
     def _stored(self, array: np.ndarray[Any, Any]) -> Any:
         if array.dtype.kind not in "fiub" or array.ndim != 1:
-            return [self.plain(item) for item in array] if array.ndim > 1 else array.tolist()
+            return [self.plain(item) for item in array] if array.ndim > 1 else self.plain(array.tolist())
         packed = _packed(array)
         key = packed["dtype"], packed["bdata"]
         if key not in self._numbers:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from orchestrator.report.consistency import over_time_figure, summary_figure
-from orchestrator.report.contents import Figure, Mark, Page, Section, Table, Text, Tile
+from orchestrator.report.contents import Block, Mark, Page, Section, Table, Text, Tile
 from orchestrator.report.detection import roc_figure, run_curves, timeline_figure
 from orchestrator.report.network import network_figure
 from orchestrator.report.recording import Recording, read_recording
@@ -188,9 +188,9 @@ def _facts(score: Score) -> str:
     )
 
 
-def _detection_blocks(recording: Recording, notes: list[str]) -> list[Figure | Table | Text]:
+def _detection_blocks(recording: Recording, notes: list[str]) -> list[Block]:
     score = recording.score
-    blocks: list[Figure | Table | Text] = []
+    blocks: list[Block] = []
     if score.windows:
         blocks.append(_window_table(score, notes))
     timeline = timeline_figure(recording, notes)

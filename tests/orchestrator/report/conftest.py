@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from orchestrator.report.contents import Page
 from orchestrator.report.export import find_browser
 from orchestrator.run import run_topology
 from orchestrator.run_directory import make_run_directory
@@ -85,6 +86,68 @@ def wide(browser: Browser, run_file: Path) -> Iterator[Look]:
 
 @pytest.fixture(scope="session")
 def narrow(browser: Browser, run_file: Path) -> Iterator[Look]:
-    """The run's report on a telephone."""
-    with look_at(browser, run_file, width=390, scheme="light") as look:
+    """The run's report on a telephone whose owner prefers dark pages."""
+    with look_at(browser, run_file, width=390, scheme="dark") as look:
         yield look
+
+
+SWEPT = """
+name: swept
+seed: 3
+period_s: 0.1
+steps: 30
+plant: {model: constant_acceleration, process_noise: {std: 0.2}, initial: {std: 1.0}}
+graph: {ring: {nodes: 3}}
+sensors:
+  s1..s3: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
+estimators:
+  e1..e3: {method: secure_distributed, coupling: 0.01}
+  lone: {method: kalman, sensors: [s1]}
+  strict: {method: kalman, sensors: [s1], threshold: 9.0}
+attacks:
+  - {bias: {value: 4.0}, on: s2->e2, steps: [12, 17]}
+expect:
+  divergences: 0
+"""
+
+
+class _Quiet:
+    """Hears of progress, and tells nobody."""
+
+    def begin(self, total: int, done: int) -> None: ...
+
+    def advance(self, finished: int, failed: int) -> None: ...
+
+
+@pytest.fixture(scope="session")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The directory of a campaign of three trials, and of their unattacked twins."""
+    from orchestrator.campaign.sweep import Request, prepare, sweep
+
+    home = tmp_path_factory.mktemp("swept")
+    (home / "swept.yaml").write_text(SWEPT)
+    request = Request(
+        file=home / "swept.yaml",
+        trials=3,
+        out=home / "campaign",
+        twins=True,
+    )
+    return sweep(prepare(request), _Quiet())
+
+
+@pytest.fixture(scope="session")
+def campaign_page(campaign: Path) -> Page:
+    """The report of the campaign, before it is HTML."""
+    from orchestrator.report.making import page_for
+
+    return page_for([campaign])
+
+
+@pytest.fixture(scope="session")
+def campaign_file(campaign: Path, campaign_page: Page) -> Path:
+    """The report of the campaign, as a file."""
+    from orchestrator.report.page import write_page
+
+    out = campaign.parent / "report.html"
+    write_page(campaign_page, out)
+    return out

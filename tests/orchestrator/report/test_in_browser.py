@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.orchestrator.report.looking import Look, look_at
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+from tests.orchestrator.report.looking import Look
 
 pytest.importorskip("plotly", reason="reports are an extra")
 pytest.importorskip("jinja2", reason="reports are an extra")
@@ -114,12 +110,10 @@ def test_the_theme_button_turns_page_and_figures_dark_and_back(wide: Look) -> No
     assert wide.page.evaluate(colours) == light
 
 
-def test_a_reader_who_prefers_dark_gets_a_dark_page(browser: Browser, run_file: Path) -> None:
-    with look_at(browser, run_file, width=1280, scheme="dark") as look:
-        assert look.page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 31)"
-        assert look.page.evaluate("document.documentElement.dataset.theme") == "dark"
-        assert look.complaints == []
-        assert _contrast(look, "#figure-errors .xtick text") > 7.0
+def test_a_reader_who_prefers_dark_gets_a_dark_page(narrow: Look) -> None:
+    assert narrow.page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 31)"
+    assert narrow.page.evaluate("document.documentElement.dataset.theme") == "dark"
+    assert _contrast(narrow, "#figure-errors .xtick text") > 7.0
 
 
 def _contrast(look: Look, selector: str) -> float:

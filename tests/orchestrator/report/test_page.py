@@ -79,8 +79,12 @@ def test_the_page_tells_verdict_failed_expectation_and_origin(text: str) -> None
         assert fact in text
 
 
-def test_every_part_that_a_run_has_is_there(attacked_run: Path) -> None:
-    page = page_for([attacked_run])
+@pytest.fixture(scope="module")
+def page(attacked_run: Path) -> Page:
+    return page_for([attacked_run])
+
+
+def test_every_part_that_a_run_has_is_there(page: Page) -> None:
     assert [section.title for section in page.sections] == [
         *("Verdicts", "Network", "Truth and estimates", "Errors", "Consistency", "Detection"),
         *("Communication", "Provenance"),
@@ -96,13 +100,13 @@ def test_the_same_run_gives_the_same_bytes(attacked_run: Path, run_file: Path, t
     assert (tmp_path / "again.html").read_bytes() == run_file.read_bytes()
 
 
-def test_every_figure_is_one_that_plotly_takes(attacked_run: Path) -> None:
+def test_every_figure_is_one_that_plotly_takes(page: Page) -> None:
     from plotly.graph_objects import Figure as Checked
 
     from orchestrator.report.palette import DARK, LIGHT
     from orchestrator.report.payload import plotly_figure
 
-    for figure in page_for([attacked_run]).figures:
+    for figure in page.figures:
         for key, view in figure.views.items():
             for palette in (LIGHT, DARK) if view is figure.initial else (LIGHT,):
                 drawn = plotly_figure(figure, view, palette)
