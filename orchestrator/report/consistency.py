@@ -9,7 +9,7 @@ import numpy as np
 from orchestrator.report.contents import Choice, Figure, Trace, View
 from orchestrator.report.lines import attack_key, attack_shapes, band, line, log_axis, stacked
 from orchestrator.report.recording import Recording
-from orchestrator.report.thinning import POINTS, in_order, kept, leading_nodes
+from orchestrator.report.thinning import in_order, kept, leading_nodes, points
 from orchestrator.score.consistency import chi_square_bounds
 from orchestrator.score.gather import Floats, Ints
 from orchestrator.score.results import Consistency, NodeScore
@@ -18,15 +18,16 @@ MOST_NODES = 60
 
 
 def _bounded(
-    values: Floats, dof: Ints, confidence: float, name: str, axis: str
+    values: Floats, dof: Ints, confidence: float, name: str, most: int
 ) -> tuple[list[Trace], list[Floats]]:
     """Return a chi-square figure over time within its bounds, and what its axis must show."""
     known = np.isfinite(values) & (dof > 0)
     shown = np.where(known, values, np.nan)
-    at = kept(shown)
+    at = kept(shown, most)
     bounds = chi_square_bounds(np.maximum(dof[at], 1), confidence)
     low, high = (np.where(dof[at] > 0, bound, np.nan) for bound in bounds)
-    first = axis == "y"
+    first = name == "NEES"
+    axis = "y" if first else "y2"
     inside = f"{100 * confidence:g} % of a consistent one"
     traces = [
         *band(at, low, high, inside, "$slate/22", yaxis=axis),
@@ -48,15 +49,16 @@ def over_time_figure(recording: Recording, notes: list[str]) -> Figure | None:
         return None
     if len(leading) < len(usable):
         notes.append(f"NEES and NIS over time: {len(leading)} of {len(usable)} estimators can be chosen.")
-    if recording.plan.steps > POINTS:
-        notes.append(f"NEES and NIS: smallest and largest of each stretch, {POINTS:,} points a line.")
+    most = points(4 * len(leading))
+    if recording.plan.steps > most:
+        notes.append(f"NEES and NIS: smallest and largest of each stretch, {most:,} points a line.")
     confidence = recording.score.options.confidence
     views: dict[tuple[str, ...], View] = {}
     for name in in_order(leading, names):
         node = names.index(name)
         dof = np.full(recording.plan.steps, recording.truth.shape[1])
-        upper, upper_values = _bounded(nees[node], dof, confidence, "NEES", "y")
-        lower, lower_values = _bounded(estimates.nis[node], estimates.nis_dof[node], confidence, "NIS", "y2")
+        upper, upper_values = _bounded(nees[node], dof, confidence, "NEES", most)
+        lower, lower_values = _bounded(estimates.nis[node], estimates.nis_dof[node], confidence, "NIS", most)
         key = [attack_key()] if recording.attacked.any() else []
         views[(name,)] = View(
             [*upper, *lower, *key],

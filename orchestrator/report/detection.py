@@ -13,7 +13,7 @@ from orchestrator.report.contents import Choice, Figure, Layout, Trace, View
 from orchestrator.report.lines import attack_key, attack_shapes, log_axis, step_axis, value_axis
 from orchestrator.report.palette import series_style
 from orchestrator.report.recording import Recording
-from orchestrator.report.thinning import POINTS, kept, leading_nodes
+from orchestrator.report.thinning import kept, leading_nodes, points
 from orchestrator.score.gather import Bools, Floats, Ints
 
 MOST_NODES = 60
@@ -64,12 +64,13 @@ _FATES = (
 )
 
 
-def _fate_traces(rows: Verdicts, links: Sequence[str]) -> list[Trace]:
+def _fate_traces(rows: Verdicts, links: Sequence[str], most: int) -> list[Trace]:
     traces = []
+    only = links[rows.link[0]] if np.all(rows.link == rows.link[0]) else ""
     for name, attacked, alarm, marker in _FATES:
         own = rows.of((rows.attacked == attacked) & (rows.alarm == alarm))
         order = np.argsort(own.step, kind="stable")
-        at = order[kept(own.statistic[order])]
+        at = order[kept(own.statistic[order], most)]
         traces.append(
             {
                 "type": "scatter",
@@ -77,9 +78,9 @@ def _fate_traces(rows: Verdicts, links: Sequence[str]) -> list[Trace]:
                 "x": own.step[at],
                 "y": own.statistic[at],
                 "name": name,
-                "text": [links[link] for link in own.link[at]],
+                **({} if only else {"text": [links[link] for link in own.link[at]]}),
                 "marker": marker,
-                "hovertemplate": f"step %{{x}}, %{{text}}<br>{name}: %{{y:.4g}}<extra></extra>",
+                "hovertemplate": f"step %{{x}}, {only or '%{text}'}<br>{name}: %{{y:.4g}}<extra></extra>",
             }
         )
     return traces
@@ -87,8 +88,10 @@ def _fate_traces(rows: Verdicts, links: Sequence[str]) -> list[Trace]:
 
 def _statistic_axis(statistic: Floats, threshold: float | None) -> dict[str, Any]:
     positive = statistic[statistic > 0.0]
-    spread = positive.size == statistic.size and positive.max() > 30.0 * np.median(positive)
-    if not spread:
+    if not statistic.size or positive.size < statistic.size:
+        return value_axis("test statistic")
+    few, most = np.quantile(positive, [0.05, 0.95])
+    if positive.max() <= 30.0 * np.median(positive) and most <= 100.0 * few:
         return value_axis("test statistic")
     low = np.quantile(positive, 0.01) if positive.size > 100 else positive.min()
     shown = [np.array([low]), positive[positive >= low]]
@@ -130,17 +133,16 @@ def timeline_figure(recording: Recording, notes: list[str]) -> Figure | None:
     chosen = [name for name in held if name in set(leading[:MOST_NODES])]
     if len(chosen) < len(held):
         notes.append(f"Detectors over time: {len(chosen)} of {len(held)} estimators can be chosen.")
-    if max(rows.step.size for rows in held.values()) > POINTS:
-        notes.append(
-            f"Detectors over time: at most {POINTS:,} packets of each fate, the extremes among them."
-        )
+    most = points(len(_FATES) * len(chosen))
+    if max(rows.step.size for rows in held.values()) > most:
+        notes.append(f"Detectors over time: at most {most:,} packets of each fate, the extremes among them.")
     links = [link.name for link in recording.plan.links]
     parameters = {own.name: own.kind.parameters for own in recording.plan.estimators}
     views: dict[tuple[str, ...], View] = {}
     for name in chosen:
         threshold = _threshold(parameters[name], held[name])
         shapes = attack_shapes(recording.attacked[recording.names.index(name)])
-        traces = [*_fate_traces(held[name], links), attack_key()]
+        traces = [*_fate_traces(held[name], links, most), attack_key()]
         if threshold is not None:
             shapes.append(_threshold_look(threshold))
             traces.append(_threshold_key(threshold))

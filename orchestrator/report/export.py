@@ -47,6 +47,8 @@ def picture(figure: Figure) -> dict[str, Any]:
         "legend": legend,
         "margin": {"l": 60, "r": 20, "t": 60, "b": 50},
     }
+    for number, trace in enumerate(drawn["data"]):
+        trace["uid"] = f"{number:06d}"
     plain: dict[str, Any] = _listed(drawn)
     return plain
 

@@ -49,7 +49,9 @@ def band(x: Ints | Floats, low: Floats, high: Floats, name: str, colour: str, **
 
 def attack_shapes(marks: Bools) -> list[dict[str, Any]]:
     """Return the shading of the steps that are marked, over all rows; fainter where most are."""
-    colour = "$attack/18" if marks.mean() < 0.5 else "$attack/8"
+    stretches = stretches_of(marks)
+    shaded = sum(last + 1 - first for first, last in stretches)
+    colour = "$attack/18" if shaded < 0.5 * marks.size else "$attack/8"
     return [
         {
             "type": "rect",
@@ -63,7 +65,7 @@ def attack_shapes(marks: Bools) -> list[dict[str, Any]]:
             "fillcolor": colour,
             "layer": "below",
         }
-        for first, last in stretches_of(marks)
+        for first, last in stretches
     ]
 
 

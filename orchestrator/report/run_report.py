@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from orchestrator.report.consistency import over_time_figure, summary_figure
 from orchestrator.report.contents import Block, Mark, Page, Section, Table, Text, Tile
 from orchestrator.report.detection import roc_figure, run_curves, timeline_figure
 from orchestrator.report.network import network_figure
 from orchestrator.report.recording import Recording, read_recording
+from orchestrator.report.thinning import STRETCHES
 from orchestrator.report.tracking import disagreement_figure, error_figure, tracking_figure
 from orchestrator.report.traffic import link_table, matrix_figure, rate_figure
+from orchestrator.score.gather import Bools
 from orchestrator.score.judging import show
 from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Score
 from orchestrator.score.verdict import headline
@@ -204,12 +208,19 @@ def _detection_blocks(recording: Recording, notes: list[str]) -> list[Block]:
     return [*blocks, curves]
 
 
+def _windows(marks: Bools) -> int:
+    """Return how many runs of marked steps there are."""
+    return int(np.sum(np.diff(marks.astype(np.int8), prepend=0) == 1))
+
+
 def run_page(path: Path) -> Page:
     """Return the page of one run, given its log."""
     notes: list[str] = []
     recording = read_recording(path)
     score = recording.score
     word, _, rest = headline(score).partition(": ")
+    if max(_windows(own) for own in recording.attacked) > STRETCHES:
+        notes.append(f"More than {STRETCHES} stretches of attacked steps are shaded with short gaps joined.")
     over_time, apart = over_time_figure(recording, notes), disagreement_figure(recording)
     sections = [
         Section("network-section", "Network", [network_figure(recording)]),

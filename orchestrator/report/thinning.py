@@ -13,6 +13,19 @@ from orchestrator.score.results import NodeScore, Score
 POINTS = 2000
 """The most points of a line; a screen has no more columns."""
 
+VALUES = 150_000
+"""The most points of all lines of a figure together, as far as each keeps `FEWEST`."""
+
+FEWEST = 300
+
+STRETCHES = 60
+"""The most shaded stretches of a figure."""
+
+
+def points(lines: int) -> int:
+    """Return how many points each of so many lines of a figure may have."""
+    return int(np.clip(VALUES // max(lines, 1), FEWEST, POINTS))
+
 
 def kept(values: Floats, most: int = POINTS) -> Ints:
     """Return the indices at which a long series is drawn: all of a short one.
@@ -41,7 +54,7 @@ def binned(counts: Ints, most: int = POINTS // 4) -> tuple[Ints, Ints, int]:
     return starts, np.add.reduceat(counts, starts, axis=-1) if size else counts, width
 
 
-def stretches_of(marks: Bools, most: int = 60) -> list[tuple[int, int]]:
+def stretches_of(marks: Bools, most: int = STRETCHES) -> list[tuple[int, int]]:
     """Return the runs of marked steps (first, last).
 
     Where there are more than ``most`` runs, neighbours are joined over gaps that grow until there are not.

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from orchestrator.report.contents import Choice, Figure, Trace, View
@@ -17,15 +20,18 @@ from orchestrator.report.lines import (
 )
 from orchestrator.report.palette import series_style
 from orchestrator.report.recording import Recording
-from orchestrator.report.thinning import POINTS, in_order, kept, leading_nodes
+from orchestrator.report.thinning import in_order, kept, leading_nodes, points
 from orchestrator.score.accuracy import root_mean_square
 from orchestrator.score.gather import Floats
 
 PAIRS = 240
 """Most pairs of node and component that the tracking figure holds."""
 
-VALUES = 150_000
-"""Points that all pairs of the tracking figure may have together."""
+BAND_REACH = 4.0
+"""How many times the span of its lines a band may reach beyond them before it is cut."""
+
+WIDEST = 30.0
+"""How many times the span of its lines a band may usually have before it is cut."""
 
 LINES = 24
 """Most estimators that have a line of their own in the figure of errors."""
@@ -53,13 +59,28 @@ def _tracking_traces(recording: Recording, node: int, component: int, most: int)
     ]
 
 
+def _range(traces: Sequence[Trace]) -> dict[str, Any]:
+    """Return the range of an axis where a band is so wide that the lines in it could not be told apart."""
+    lines = [trace["y"] for trace in traces if trace["line"]["width"]]
+    known = np.concatenate([values[np.isfinite(values)] for values in lines])
+    edges = np.concatenate([trace["y"] for trace in traces if not trace["line"]["width"]])
+    if not known.size or not np.isfinite(edges).any():
+        return {}
+    low, high = float(known.min()), float(known.max())
+    width = 2.0 * float(np.nanmedian(np.abs(edges - np.nanmedian(edges))))
+    span = max(high - low, min(width, WIDEST * (high - low)), 1e-9)
+    if np.nanmax(edges) <= high + BAND_REACH * span and np.nanmin(edges) >= low - BAND_REACH * span:
+        return {}
+    return {"range": [low - 0.5 * span, high + 0.5 * span], "autorange": False}
+
+
 def tracking_figure(recording: Recording, notes: list[str]) -> Figure:
     """Return truth and estimates with 2-sigma bands, one estimator and component at a time."""
     components, names = recording.components, recording.names
     most_nodes = max(PAIRS // max(len(components), 1), 1)
     leading = leading_nodes(recording.score, most_nodes)
     chosen = in_order(leading, names)
-    most = int(np.clip(VALUES // max(len(chosen) * len(components), 1), 300, POINTS))
+    most = points(len(chosen) * len(components))
     if len(chosen) < len(names):
         notes.append(
             f"Truth against estimates: {len(chosen)} of {len(names)} estimators can be chosen, the attacked, "
@@ -76,10 +97,9 @@ def tracking_figure(recording: Recording, notes: list[str]) -> Figure:
         shapes = attack_shapes(recording.attacked[node])
         key = [attack_key()] if recording.attacked.any() else []
         for component, label in enumerate(components):
-            views[name, str(component)] = View(
-                [*_tracking_traces(recording, node, component, most), *key],
-                {"shapes": shapes, "yaxis": {"title": {"text": label}}},
-            )
+            traces = _tracking_traces(recording, node, component, most)
+            axes = {"yaxis": {"title": {"text": label}, **_range(traces[:4])}, "yaxis2": _range(traces[4:])}
+            views[name, str(component)] = View([*traces, *key], {"shapes": shapes, **axes})
     marks = {node.name: " (attacked)" if node.attacked_steps else "" for node in recording.score.nodes}
     return Figure(
         name="tracking",
@@ -104,15 +124,16 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
     drawn = in_order(leading, names)
     if len(drawn) < len(names):
         notes.append(f"Errors over time: lines of {len(drawn)} of {len(names)} estimators.")
-    if recording.plan.steps > POINTS:
-        notes.append(f"Errors over time: smallest and largest of each stretch, {POINTS:,} points a line.")
+    most = points(len(drawn) * len(groups))
+    if recording.plan.steps > most:
+        notes.append(f"Errors over time: smallest and largest of each stretch, {most:,} points a line.")
     views: dict[tuple[str, ...], View] = {}
     for group in groups:
         norm = recording.evidence.errors.norm[group]
         traces = []
         for name in drawn:
             values = norm[names.index(name)]
-            at = kept(values)
+            at = kept(values, most)
             rank = leading.index(name)
             style = series_style(rank)
             trace = line(at, values[at], name, style["color"], dash=style["dash"], width=1.5)
@@ -125,7 +146,7 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
             )
         if len(names) > 1:
             whole = root_mean_square(norm, recording.evidence.errors.alive, axis=0)
-            at = kept(whole)
+            at = kept(whole, most)
             traces.append(
                 line(at, whole[at], "RMS of all", "$ink", width=2.8, dash="solid", hovertemplate="%{y:.4g}")
             )

@@ -119,11 +119,14 @@ def matrix_figure(recording: Recording, notes: list[str]) -> Figure:
         name for name in recording.plan.node_names if any(link.destination == name for link in links)
     ]
     if len(sources) > MOST_NODES or len(destinations) > MOST_NODES:
-        notes.append(
-            f"The matrix of links shows the first {MOST_NODES} of {len(sources)} senders and "
-            f"{len(destinations)} receivers."
+        told = f"of {len(sources)} senders and {len(destinations)} receivers"
+        sensors = {sensor.name for sensor in recording.plan.sensors}
+        sources = [name for name in sources if name not in sensors][:MOST_NODES] or sources[:MOST_NODES]
+        destinations = destinations[:MOST_NODES]
+        shown = (
+            f"{len(sources)} senders, no sensors," if sources[0] not in sensors else f"{len(sources)} senders"
         )
-        sources, destinations = sources[:MOST_NODES], destinations[:MOST_NODES]
+        notes.append(f"The matrix of links shows {shown} and {len(destinations)} receivers {told}.")
     offered = [what for what in _SHARES if what != "attacked" or recording.score.traffic.attacked]
     views: dict[tuple[str, ...], View] = {
         (what,): View([_matrix(links, sources, destinations, what, recording.score.steps)])
