@@ -177,7 +177,7 @@
   addEventListener("beforeprint", function () {
     before = theme();
     for (const fold of document.querySelectorAll("details")) fold.open = true;
-    if (before === "dark") { root.dataset.theme = "light"; drawAll(); }
+    if (before === "dark") { root.dataset.theme = "light"; figures.forEach(draw); }
   });
   addEventListener("afterprint", function () {
     if (before === "dark") { root.dataset.theme = "dark"; drawAll(); }

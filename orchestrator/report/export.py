@@ -94,10 +94,25 @@ def export(figures: Sequence[Figure], out: Path, form: Format) -> list[Path]:
         )
     except OSError as error:
         raise ReportError(f"{out} cannot be written: {error.strerror}; choose another --figures") from error
+    except _failures() as error:
+        cure = "set BROWSER_PATH to a Chromium or Chrome that runs here"
+        raise ReportError(f"{browser} drew no pictures ({type(error).__name__}); {cure}") from error
     if form == "svg":
         for path in paths:
             _fix_ids(path)
     return paths
+
+
+def _failures() -> tuple[type[Exception], ...]:
+    from kaleido import errors
+
+    return (
+        errors.BrowserClosedError,
+        errors.BrowserFailedError,
+        errors.ChromeNotFoundError,
+        errors.JavascriptError,
+        errors.KaleidoError,
+    )
 
 
 def _fix_ids(path: Path) -> None:

@@ -59,7 +59,7 @@ def _tracking_traces(recording: Recording, node: int, component: int, most: int)
     ]
 
 
-def _range(traces: Sequence[Trace]) -> dict[str, Any]:
+def lines_range(traces: Sequence[Trace]) -> dict[str, Any]:
     """Return the range of an axis where a band is so wide that the lines in it could not be told apart."""
     lines = [trace["y"] for trace in traces if trace["line"]["width"]]
     known = np.concatenate([values[np.isfinite(values)] for values in lines])
@@ -98,7 +98,10 @@ def tracking_figure(recording: Recording, notes: list[str]) -> Figure:
         key = [attack_key()] if recording.attacked.any() else []
         for component, label in enumerate(components):
             traces = _tracking_traces(recording, node, component, most)
-            axes = {"yaxis": {"title": {"text": label}, **_range(traces[:4])}, "yaxis2": _range(traces[4:])}
+            axes = {
+                "yaxis": {"title": {"text": label}, **lines_range(traces[:4])},
+                "yaxis2": lines_range(traces[4:]),
+            }
             views[name, str(component)] = View([*traces, *key], {"shapes": shapes, **axes})
     marks = {node.name: " (attacked)" if node.attacked_steps else "" for node in recording.score.nodes}
     return Figure(

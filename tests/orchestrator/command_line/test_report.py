@@ -77,7 +77,7 @@ def test_pictures_without_a_browser_are_refused_with_the_cure(
 
 
 @NEEDS_BROWSER
-def test_two_figures_become_pictures_and_equal_ones_equal_files(tmp_path: Path, finished_run: Path) -> None:
+def test_figures_become_pictures_and_equal_ones_equal_files(tmp_path: Path, finished_run: Path) -> None:
     pytest.importorskip("kaleido", reason="pictures are an extra")
     from orchestrator.report.export import export
     from orchestrator.report.making import page_for
@@ -85,14 +85,33 @@ def test_two_figures_become_pictures_and_equal_ones_equal_files(tmp_path: Path, 
     figures = [
         figure for figure in page_for([finished_run]).figures if figure.name in ("network", "tracking")
     ]
-    for folder in ("a", "b"):
-        assert [path.name for path in export(figures, tmp_path / folder, "svg")] == [
-            "network.svg",
-            "tracking.svg",
-        ]
-    for name, told in (("network.svg", ">e2<"), ("tracking.svg", ">estimate ± 2σ<")):
-        text = (tmp_path / "a" / name).read_text()
-        assert told in text
-        assert text == (tmp_path / "b" / name).read_text()
-    (picture,) = export(figures[:1], tmp_path, "png")
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    paths = export(figures, tmp_path / "a", "svg")
+    assert [path.name for path in paths] == ["network.svg", "tracking.svg"]
+    for path, told in zip(paths, (">e2<", ">estimate ± 2σ<"), strict=True):
+        assert told in path.read_text()
+    (again,) = export(figures[:1], tmp_path / "b", "svg")
+    assert again.read_text() == paths[0].read_text()
+
+
+@pytest.mark.slow
+@NEEDS_BROWSER
+def test_every_figure_becomes_a_picture(gauntlet: Command, home: Path, finished_run: Path) -> None:
+    pytest.importorskip("kaleido", reason="pictures are an extra")
+    answer = gauntlet("report", finished_run, "--figures", "pictures", "--format", "png", "--json")
+    names = answer.json()["figures"]
+    assert len(names) >= 8
+    for name in names:
+        assert (home / name).read_bytes().startswith(b"\x89PNG")
+
+
+@NEEDS_BROWSER
+def test_a_browser_that_does_not_run_is_told_with_the_cure(
+    gauntlet: Command, home: Path, finished_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("kaleido", reason="pictures are an extra")
+    (home / "chrome").write_text("#!/bin/sh\nexit 1\n")
+    (home / "chrome").chmod(0o755)
+    monkeypatch.setenv("BROWSER_PATH", str(home / "chrome"))
+    answer = gauntlet("report", finished_run, "--figures", "pictures")
+    assert answer.code == 2
+    assert "drew no pictures" in answer.err

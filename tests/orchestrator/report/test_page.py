@@ -5,12 +5,16 @@ from __future__ import annotations
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from orchestrator.report.contents import Figure, Page, Section, Table, Text, Tile, View
+from orchestrator.report.lines import band, line
 from orchestrator.report.making import page_for
 from orchestrator.report.page import html, write_page
+from orchestrator.report.tracking import lines_range
 
 pytest.importorskip("plotly", reason="reports are an extra")
 pytest.importorskip("jinja2", reason="reports are an extra")
@@ -139,3 +143,34 @@ def test_what_a_page_is_told_can_do_no_harm() -> None:
     reader = read(html(page))
     assert reader.faults == []
     assert [tag for tag, _ in reader.elements].count("script") == 5
+
+
+def test_a_band_that_would_hide_the_lines_is_cut_and_others_are_not() -> None:
+    x = np.arange(50)
+    y = np.sin(x)
+
+    def shown(width: float, at: int | None = None) -> dict[str, Any]:
+        reach = np.full(50, width) if at is None else np.where(x == at, width, 0.1)
+        return lines_range([*band(x, y - reach, y + reach, "b", "$blue"), line(x, y, "l", "$ink")])
+
+    assert shown(0.2) == {}
+    assert shown(12.0) == {}, "an estimator that is too careful shows its whole band"
+    low, high = shown(1e30, at=7)["range"]
+    assert low < -1.0 < 1.0 < high
+    assert high - low < 10.0
+
+
+@pytest.mark.slow
+def test_a_long_run_makes_a_small_page_that_says_what_was_thinned(tmp_path: Path) -> None:
+    from orchestrator.run import run_topology
+    from orchestrator.run_directory import make_run_directory
+    from orchestrator.topology.load import load_topology
+    from tests.orchestrator.report.conftest import ATTACKED
+
+    (tmp_path / "long.yaml").write_text(ATTACKED)
+    topology = load_topology(tmp_path / "long.yaml", ["steps=8000", "expect=null"])
+    directory = make_run_directory(tmp_path / "out", "long", 7)
+    run_topology(topology, directory, "inprocess", lambda recorded: None)
+    page = page_for([directory])
+    assert write_page(page, tmp_path / "long.html") < LARGEST_BYTES
+    assert any("of 8,000 steps about 2,000 a line are drawn" in note for note in page.notes)
