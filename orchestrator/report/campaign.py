@@ -13,7 +13,7 @@ from orchestrator.evidence.consistency import by_step
 from orchestrator.evidence.figures import disagreement_curve, efficiency, rmse, rmse_curve, sent_rate
 from orchestrator.evidence.pareto import pareto_front
 from orchestrator.report.contents import Choice, Figure, Trace, View
-from orchestrator.report.groups import ALL, ATTACKED, Group, trial_rmse
+from orchestrator.report.groups import ALL, ATTACKED, Group, state_names, trial_rmse
 from orchestrator.report.lines import band, line, log_axis, step_axis, value_axis
 from orchestrator.report.palette import SERIES, SYMBOLS, series_style
 from orchestrator.report.thinning import POINTS, kept
@@ -58,7 +58,7 @@ def _initial(choices: Sequence[tuple[str, str]]) -> str:
 
 
 def _state_choice(groups: Sequence[Group]) -> Choice:
-    names = groups[0].groups
+    names = state_names(groups)
     return Choice(
         "State group", [(name, "whole state" if name == "state" else name) for name in names], names[0]
     )
@@ -85,7 +85,7 @@ def error_curves(groups: Sequence[Group], notes: list[str]) -> Figure:
         name="rmse",
         title="RMSE over time",
         views=views,
-        layout={"xaxis": step_axis(groups[0].period_s), "hovermode": "x unified"},
+        layout={"xaxis": step_axis(*(group.period_s for group in groups)), "hovermode": "x unified"},
         choices=(choice, Choice("Of", scope, _initial(scope))),
         text=f"Root mean square over trials, with {100 * groups[0].confidence:g} % bootstrap bands: whole "
         "trials are drawn again, for what happens inside one hangs together. Dotted: the posterior "
@@ -144,7 +144,7 @@ def trial_spread(groups: Sequence[Group]) -> Figure:
         choices=(choice, Choice("Of", scope, _initial(scope))),
         text="A point is a trial; the box holds the middle half, its line is the median. Trials that "
         "diverged have no finite error: they are counted in the table, not drawn.",
-        height=int(np.clip(100 + 54 * len(groups), 220, 760)),
+        height=_height(groups, 54),
     )
 
 
@@ -156,6 +156,12 @@ def label(group: Group) -> str:
             lines.append("")
         lines[-1] += part
     return "<br>".join(own.strip() for own in lines)
+
+
+def _height(groups: Sequence[Group], row: int) -> int:
+    """Return the height (pixels) of a figure with a row a group, tall enough for the rows' labels."""
+    lines = max(label(group).count("<br>") + 1 for group in groups)
+    return max(100 + len(groups) * max(row, 16 * lines + 10), 180)
 
 
 def _box(group: Group, number: int, values: Floats) -> Trace:
@@ -214,7 +220,7 @@ def outcome_figure(groups: Sequence[Group]) -> Figure:
         },
         text="A trial passes when all that its topology expects holds; one that diverged is shown as "
         "diverged unless it passed all the same.",
-        height=int(np.clip(100 + 40 * len(groups), 180, 640)),
+        height=_height(groups, 40),
     )
 
 
@@ -240,7 +246,7 @@ def consistency_curves(groups: Sequence[Group], notes: list[str]) -> Figure | No
         name="consistency",
         title="ANEES and ANIS over time",
         views=views,
-        layout={"xaxis": step_axis(groups[0].period_s), "hovermode": "x unified"},
+        layout={"xaxis": step_axis(*(group.period_s for group in groups)), "hovermode": "x unified"},
         choices=(
             Choice("Estimator", [(node, node) for node in shown], first),
             Choice("Figure", [("nees", "ANEES"), ("nis", "ANIS")], "nees"),
@@ -361,7 +367,7 @@ def disagreement_figure(groups: Sequence[Group]) -> Figure | None:
         title="Disagreement over time",
         views={(): View(traces)},
         layout={
-            "xaxis": step_axis(groups[0].period_s),
+            "xaxis": step_axis(*(group.period_s for group in groups)),
             "yaxis": _error_axis("disagreement", [trace["y"] for trace in traces]),
             "hovermode": "x unified",
         },

@@ -22,7 +22,7 @@ from orchestrator.report.campaign import (
 from orchestrator.report.comparison import comparison_blocks, price_tables
 from orchestrator.report.contents import Block, Mark, Page, Section, Table, Text, Tile
 from orchestrator.report.delays import detections, operating_figure, roc_curves, survival_figure
-from orchestrator.report.groups import By, Group, Outcomes, find_groups
+from orchestrator.report.groups import By, Group, Outcomes, find_groups, state_names
 
 _TONES = {"consistent": "good", "overconfident": "bad", "conservative": "warn", "unknown": "plain"}
 
@@ -44,10 +44,11 @@ def interval(found: Interval, percent: bool = False) -> str:
 
 def _variant_table(groups: Sequence[Group]) -> Table:
     rows = []
-    for group in groups:
+    for number, group in enumerate(groups, start=1):
         own = Outcomes.of([group])
         rows.append(
             (
+                f"{number}",
                 group.name,
                 _span(group.nodes),
                 f"{own.trials:,}",
@@ -58,10 +59,10 @@ def _variant_table(groups: Sequence[Group]) -> Table:
             )
         )
     columns = (
-        *("variant", "estimators", "trials", "without score", "passed", "diverged"),
+        *("", "variant", "estimators", "trials", "without score", "passed", "diverged"),
         "slots with a packet",
     )
-    return Table("Variants, with intervals over trials", columns, rows, frozenset({0, 1}))
+    return Table("Variants, with intervals over trials", columns, rows, frozenset({0, 1, 2}))
 
 
 def _span(nodes: Sequence[str]) -> str:
@@ -69,7 +70,7 @@ def _span(nodes: Sequence[str]) -> str:
 
 
 def _error_table(groups: Sequence[Group]) -> Table:
-    states = groups[0].groups
+    states = state_names(groups)
     rows = [
         (group.name, *(interval(rmse(group.rows, state, group.confidence)) for state in states))
         for group in groups
@@ -112,7 +113,7 @@ def _white(p_value: float) -> str:
 
 def _bound_blocks(groups: Sequence[Group]) -> list[Table | Text]:
     """Return errors by the posterior Cramér-Rao bound, and where it is refused and why."""
-    states, rows, reasons = groups[0].groups, [], dict[str, int]()
+    states, rows, reasons = state_names(groups), [], dict[str, int]()
     for group in groups:
         own = [efficiency(group.rows, state, group.from_step, group.confidence) for state in states]
         for reason, count in own[-1].refused.items():
@@ -223,7 +224,7 @@ def _headline(groups: Sequence[Group]) -> str:
     own = Outcomes.of(groups)
     told = f"All that was expected held in {own.passed:,} of {own.trials:,} trials"
     told += f"; in {own.diverged:,} an estimator diverged" if own.diverged else "; no estimator diverged"
-    state = groups[0].groups[0]
+    state = state_names(groups)[0]
     errors = {group.name: rmse(group.rows, state, group.confidence) for group in groups}
     known = {name: own for name, own in errors.items() if np.isfinite(own.value)}
     if len(known) < 2:
@@ -239,7 +240,7 @@ def _tiles(groups: Sequence[Group]) -> list[Tile]:
     variants = len({group.variant for group in groups})
     return [
         Tile("Variants", f"{variants}", f"{len(groups)} groups of estimators"),
-        Tile("Trials", f"{own.trials:,}", f"{own.trials / variants:g} of each" if variants > 1 else ""),
+        Tile("Trials", f"{own.trials:,}", _each(own.trials, variants)),
         Tile("Passed", f"{100 * own.passed / max(own.trials, 1):.3g} %", f"{own.passed:,} of {own.trials:,}"),
         Tile(
             "Diverged",
@@ -305,9 +306,11 @@ def _communication_blocks(groups: Sequence[Group]) -> list[Block]:
     return [*found] or [Text("There is one group of estimators, and no network in which to disagree.")]
 
 
+def _each(trials: int, variants: int) -> str:
+    return f"{trials // variants:,} of each" if variants > 1 and trials % variants == 0 else ""
+
+
 def _facts(groups: Sequence[Group]) -> str:
-    steps = sorted({group.rows.steps for group in groups})
-    return (
-        f"{' or '.join(f'{count:,}' for count in steps)} steps of {groups[0].period_s:g} s; "
-        f"intervals hold with {100 * groups[0].confidence:g} % confidence over trials."
-    )
+    lengths = dict.fromkeys(f"{group.rows.steps:,} steps of {group.period_s:g} s" for group in groups)
+    confidence = f"{100 * groups[0].confidence:g} %"
+    return f"{' or '.join(lengths)}; intervals hold with {confidence} confidence over trials."

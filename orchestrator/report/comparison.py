@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,13 +11,19 @@ from orchestrator.evidence.contenders import Contender
 from orchestrator.evidence.price import find_twins, price
 from orchestrator.evidence.wording import figure, sentence
 from orchestrator.report.contents import Block, Choice, Figure, Mark, Table, Text, Trace, View
-from orchestrator.report.groups import Group
+from orchestrator.report.groups import Group, state_names
 from orchestrator.report.palette import SERIES
 
 CONTENDERS = 8
 """Most groups that are compared two by two."""
 
 _OPEN = (Verdict.UNDECIDED, Verdict.TOO_FEW, Verdict.UNDEFINED)
+
+NAMED = 5
+"""Most contenders that the labels of the figure of differences name."""
+
+LETTERS = 20
+"""Most letters of a name in the labels of the figure of differences."""
 
 SENTENCES = 5
 """Most verdicts that are told in whole sentences."""
@@ -30,7 +36,7 @@ def comparison_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
     if len(groups) > CONTENDERS:
         notes.append(f"The first {CONTENDERS} of {len(groups)} groups are compared two by two.")
     contenders = [Contender(group.name, "", group.rows) for group in groups[:CONTENDERS]]
-    states = groups[0].groups
+    states = state_names(groups)
     metrics = [f"rmse.{state}" for state in dict.fromkeys((states[0], "state"))] + ["nees.ratio"]
     found = compare(contenders, metrics, groups[0].confidence)
     return [*_words(found), _difference_figure(found), _table(found)]
@@ -91,11 +97,13 @@ def _table(found: Comparison) -> Table:
 
 def _difference_figure(found: Comparison) -> Figure:
     """Return all differences with their intervals, one metric at a time."""
+    numbers = {contender.name: i for i, contender in enumerate(found.contenders, start=1)}
     views: dict[tuple[str, ...], View] = {}
     for metric in found.metrics:
         own = [item for item in found.compared if item.metric == metric]
         own = [item for item in own if np.isfinite(item.difference.shift.value)]
-        views[(metric,)] = View([_difference_trace(own)])
+        axis = {"tickvals": list(range(len(own))), "ticktext": [_pair(item, numbers) for item in own]}
+        views[(metric,)] = View([_difference_trace(own)], {"yaxis": axis})
     most = max(len(view.traces[0]["y"]) for view in views.values())
     zero = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": 0, "x1": 0, "layer": "below"}
     return Figure(
@@ -109,19 +117,26 @@ def _difference_figure(found: Comparison) -> Figure:
                 "tickangle": 0,
                 "nticks": 6,
             },
-            "yaxis": {"type": "category", "autorange": "reversed", "showgrid": True},
+            "yaxis": {"autorange": "reversed", "zeroline": False},
             "shapes": [{**zero, "line": {"color": "$muted", "width": 1.4, "dash": "dot"}}],
             "margin": {"l": 30, "r": 18, "t": 10, "b": 44},
         },
         choices=(Choice("Metric", [(metric, metric) for metric in found.metrics], found.metrics[0]),),
-        text="The median difference of common trials. Where the bar does not reach zero (dotted), one is "
-        "better; the verdicts in the table also count how much was compared at once.",
-        height=int(np.clip(110 + 34 * most, 180, 900)),
+        text="The median difference of common trials, by the numbers of the table of variants. Where the bar "
+        "does not reach zero (dotted), one is better; the verdicts also count how much was compared at once.",
+        height=110 + (34 if len(numbers) <= NAMED else 24) * most,
     )
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= 22 else f"{name[:21]}…"
+def _pair(own: Compared, numbers: Mapping[str, int]) -> str:
+    """Return a label for two contenders: their numbers in the table of variants, and their names if few."""
+    if len(numbers) > NAMED:
+        return f"{numbers[own.first]} less {numbers[own.second]}"
+    first, second = (
+        f"{numbers[name]} {name if len(name) <= LETTERS else name[: LETTERS - 1] + '…'}"
+        for name in (own.first, own.second)
+    )
+    return f"{first}<br>less {second}"
 
 
 def _difference_trace(own: Sequence[Compared]) -> Trace:
@@ -132,7 +147,7 @@ def _difference_trace(own: Sequence[Compared]) -> Trace:
         "type": "scatter",
         "mode": "markers",
         "x": np.array([shift.value for shift in shifts]),
-        "y": [f"{_short(item.first)}<br>less {_short(item.second)}" for item in own],
+        "y": np.arange(len(own)),
         "error_x": {
             "type": "data",
             "symmetric": False,
@@ -146,8 +161,9 @@ def _difference_trace(own: Sequence[Compared]) -> Trace:
             "color": [f"${SERIES[0]}" if item.verdict in decided else "$paper" for item in own],
             "line": {"color": "$blue", "width": 2},
         },
-        "text": [item.verdict.value for item in own],
-        "hovertemplate": "%{y}<br>%{x:.4g}: %{text}<extra></extra>",
+        "text": [f"{item.first}<br>less {item.second}" for item in own],
+        "customdata": [item.verdict.value for item in own],
+        "hovertemplate": "%{text}<br>%{x:.4g}: %{customdata}<extra></extra>",
         "showlegend": False,
     }
 
@@ -158,7 +174,7 @@ def _finite(value: float) -> float:
 
 def price_tables(groups: Sequence[Group]) -> list[Table]:
     """Return what attacks cost beside the unattacked twin, where a campaign holds one."""
-    metric = f"rmse.{groups[0].groups[0]}"
+    metric = f"rmse.{state_names(groups)[0]}"
     rows = []
     for attacked in groups:
         twin = next((own for own in groups if _is_twin(own, attacked)), None)

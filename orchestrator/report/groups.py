@@ -77,12 +77,6 @@ class Group:
         return Rows(self.rows.table.take(places), self.rows.keys, self.rows.trial[keep], self.rows.failed)
 
     @property
-    def groups(self) -> list[str]:
-        """The state groups that errors are told of: ``position`` first, ``state``, all of it, last."""
-        found = [name for name in state_groups(self.rows.table) if name != "state"]
-        return [*sorted(found, key=lambda name: name != "position"), "state"]
-
-    @property
     def passed(self) -> Bools:
         """Which trials (T,) held all that was expected."""
         own = np.zeros(self.rows.trials, dtype=bool)
@@ -95,6 +89,13 @@ class Group:
         own = np.zeros(self.rows.trials, dtype=bool)
         own[self.rows.trial[np.isfinite(self.rows.scalar("divergence_step"))]] = True
         return own
+
+
+def state_names(groups: Sequence[Group]) -> list[str]:
+    """Return the state groups that all tell errors of: ``position`` first, ``state``, all of it, last."""
+    told = [state_groups(group.rows.table) for group in groups]
+    found = [name for name in told[0] if name != "state" and all(name in own for own in told)]
+    return [*sorted(found, key=lambda name: name != "position"), "state"]
 
 
 @dataclass(frozen=True)

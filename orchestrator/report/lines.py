@@ -82,9 +82,10 @@ def attack_key() -> Trace:
     }
 
 
-def step_axis(period_s: float) -> dict[str, Any]:
-    """Return the axis of steps, which tells how long one is."""
-    return {"title": {"text": f"step (of {period_s:g} s)"}, "rangemode": "tozero", "zeroline": False}
+def step_axis(*periods_s: float) -> dict[str, Any]:
+    """Return the axis of steps, which tells how long one is, if all are as long."""
+    told = f"step (of {periods_s[0]:g} s)" if len(set(periods_s)) == 1 else "step"
+    return {"title": {"text": told}, "rangemode": "tozero", "zeroline": False}
 
 
 def value_axis(title: str, **more: Any) -> dict[str, Any]:

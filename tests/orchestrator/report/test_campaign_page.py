@@ -26,6 +26,16 @@ pytest.importorskip("jinja2", reason="reports are an extra")
 pytest.importorskip("pyarrow", reason="campaigns are an extra")
 
 
+OTHER = """
+name: other
+steps: 20
+period_s: 0.1
+plant: {model: linear, A: [[0.9]], process_noise: {std: 0.1}, initial: {std: 1.0}}
+sensors: {s1: {model: linear, C: [[1.0]], noise: {std: 0.1}}}
+estimators: {e1: {method: kalman, sensors: [s1]}}
+"""
+
+
 def table(page: Page, title: str) -> Table:
     """Return the table of a page whose caption begins so."""
     blocks = [block for section in page.sections for block in section.blocks]
@@ -107,10 +117,32 @@ def test_trials_without_a_score_are_counted_and_told(campaign: Path, tmp_path: P
 def test_two_runs_are_compared_on_one_page(attacked_run: Path) -> None:
     page = page_for([attacked_run, attacked_run])
     assert page.kind == "Comparison"
-    names = [group[0] for group in table(page, "Variants").rows]
+    names = [group[1] for group in table(page, "Variants").rows]
     assert len(set(names)) == 4, "two methods of each run, told apart"
     verdicts = {(row[1], row[2]): row[-1].text for row in table(page, "Every two").rows}
     assert verdicts[names[0], names[2]] == "identical"
+
+
+def test_every_difference_has_a_row_of_its_own_however_long_the_names(campaign_page: Page) -> None:
+    figure = next(own for own in campaign_page.figures if own.name == "differences")
+    for view in figure.views.values():
+        assert view.traces[0]["y"].tolist() == view.layout["yaxis"]["tickvals"]
+        assert len(set(view.layout["yaxis"]["ticktext"])) == view.traces[0]["y"].size
+
+
+def test_sources_of_different_plants_are_compared_in_what_they_share(
+    attacked_run: Path, tmp_path: Path
+) -> None:
+    from orchestrator.run import run_topology
+    from orchestrator.run_directory import make_run_directory
+    from orchestrator.topology.load import load_topology
+
+    (tmp_path / "other.yaml").write_text(OTHER)
+    topology = load_topology(tmp_path / "other.yaml")
+    directory = make_run_directory(tmp_path / "out", "other", 1)
+    run_topology(topology, directory, "inprocess", lambda recorded: None)
+    page = page_for([attacked_run, directory])
+    assert table(page, "RMSE over all").columns == ("variant", "whole state")
 
 
 def test_a_run_taken_apart_by_node_compares_its_estimators(attacked_run: Path) -> None:
