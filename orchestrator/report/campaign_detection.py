@@ -8,9 +8,9 @@ import numpy as np
 
 from orchestrator.evidence.bootstrap import Band
 from orchestrator.evidence.detectors import Detection, detection
-from orchestrator.report.campaign import SHOWN
 from orchestrator.report.contents import Figure, Trace, View
 from orchestrator.report.detection import Curve, roc_figure
+from orchestrator.report.group_pieces import SHOWN
 from orchestrator.report.groups import Group
 from orchestrator.report.lines import band, line, log_axis, value_axis
 from orchestrator.report.palette import series_style
