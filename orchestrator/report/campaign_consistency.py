@@ -69,10 +69,10 @@ def _consistency_traces(groups: Sequence[Group], node: str, what: str) -> list[T
         found = by_step(figures, dof, confidence=group.confidence)
         if np.isfinite(found.ratio).any():
             own = band_traces(Band(found.ratio, found.low, found.high), group.name, number)
-            traces += own[2:] if _drawn_already(own[1]["y"], traces) else own
+            traces += own[1:] if _drawn_already(own[0]["y"], traces) else own
     return traces
 
 
-def _drawn_already(high: Floats, traces: Sequence[Trace]) -> bool:
-    """Return whether a band of the same upper edge is there: variants with as many packets share it."""
-    return any("fill" in trace and np.array_equal(trace["y"], high, equal_nan=True) for trace in traces)
+def _drawn_already(outline: Floats, traces: Sequence[Trace]) -> bool:
+    """Return whether a band of this outline is there: variants with as many packets share it."""
+    return any("fill" in trace and np.array_equal(trace["y"], outline, equal_nan=True) for trace in traces)

@@ -10,9 +10,9 @@ from orchestrator.evidence.bootstrap import Band
 from orchestrator.evidence.detectors import Detection, detection
 from orchestrator.report.contents import Figure, Trace, View
 from orchestrator.report.detection import Curve, roc_figure
-from orchestrator.report.group_pieces import SHOWN
+from orchestrator.report.group_pieces import visible
 from orchestrator.report.groups import Group
-from orchestrator.report.lines import band, line, log_axis, value_axis
+from orchestrator.report.lines import band, line, log_axis, stairs, value_axis
 from orchestrator.report.palette import series_style
 
 
@@ -62,25 +62,13 @@ def survival_figure(found: Mapping[str, Detection]) -> Figure | None:
 
 def _stairs(found: Band, name: str, number: int) -> list[Trace]:
     at = np.arange(found.value.size + 1)
-    found = Band(*(np.concatenate([[1.0], part]) for part in (found.value, found.low, found.high)))
-    style = series_style(number)
-    look = {"visible": True if number < SHOWN else "legendonly"}
-    edges = band(at, found.low, found.high, name, f"{style['color']}/16", **look)
-    middle = line(
-        at,
-        found.value,
-        name,
-        style["color"],
-        dash=style["dash"],
-        hovertemplate="%{y:.1%}",
-        legendgroup=name,
-        **look,
+    (x, value), (_, low), (_, high) = (
+        stairs(at, np.concatenate([[1.0], part])) for part in (found.value, found.low, found.high)
     )
-    for trace in (*edges, middle):
-        trace["line"] = {**trace["line"], "shape": "hv"}
-    for trace in edges:
-        trace["showlegend"] = False
-    return [*edges, middle]
+    style = series_style(number)
+    look = {"legendgroup": name, **visible(number)}
+    shade = band(x, low, high, name, f"{style['color']}/13", **{**look, "showlegend": False})
+    return [shade, line(x, value, name, style["color"], dash=style["dash"], hovertemplate="%{y:.1%}", **look)]
 
 
 def operating_figure(found: Mapping[str, Detection]) -> Figure | None:
@@ -101,7 +89,7 @@ def operating_figure(found: Mapping[str, Detection]) -> Figure | None:
                 "customdata": [float(f"{point.threshold:.4g}") for point in points],
                 "hovertemplate": f"{name}<br>threshold %{{customdata}}: delay %{{y:.3g}} steps, "
                 "a false alarm every %{x:.3g} packets<extra></extra>",
-                "visible": True if number < SHOWN else "legendonly",
+                **visible(number),
             }
         )
     if not traces:

@@ -24,18 +24,26 @@ def _bounded(
     known = np.isfinite(values) & (dof > 0)
     shown = np.where(known, values, np.nan)
     at = kept(shown, most)
-    bounds = chi_square_bounds(np.maximum(dof[at], 1), confidence)
-    low, high = (np.where(dof[at] > 0, bound, np.nan) for bound in bounds)
+    low, high = chi_square_bounds(_held(dof)[at], confidence)
     first = name == "NEES"
     axis = "y" if first else "y2"
     inside = f"{100 * confidence:g} % of a consistent one"
     traces = [
-        *band(at, low, high, inside, "$slate/22", yaxis=axis),
+        band(at, low, high, inside, "$slate/22", yaxis=axis),
         line(at, shown[at], name, "$blue" if first else "$green", yaxis=axis, hovertemplate="%{y:.4g}"),
     ]
     if not first:
-        traces[1]["showlegend"] = False
+        traces[0]["showlegend"] = False
     return traces, [shown, low, high]
+
+
+def _held(dof: Ints) -> Ints:
+    """Return degrees of freedom, in steps without any those of the last step that had some, at least 1."""
+    some = dof > 0
+    if not some.any():
+        return np.ones_like(dof)
+    last = np.maximum.accumulate(np.where(some, np.arange(dof.size), -1))
+    return dof[np.where(last >= 0, last, np.argmax(some))]
 
 
 def over_time_figure(recording: Recording, notes: list[str]) -> Figure | None:

@@ -29,15 +29,13 @@ def visible(number: int) -> dict[str, Any]:
 
 
 def band_traces(found: Band, name: str, number: int, **more: Any) -> list[Trace]:
-    """Return a curve with its band, in the style of a number; both go by one key of the legend."""
+    """Return a band and its curve, in the style of a number; both go by one key of the legend."""
     at = kept(found.value)
     style, look = series_style(number), {**visible(number), **more}
     colour = style["color"]
-    edges = band(at, found.low[at], found.high[at], name, f"{colour}/13", **look)
+    shade = band(at, found.low[at], found.high[at], name, f"{colour}/13", **{**look, "showlegend": False})
     middle = line(at, found.value[at], name, colour, dash=style["dash"], hovertemplate="%{y:.4g}", **look)
-    for trace in edges:
-        trace["showlegend"] = False
-    return [*edges, {**middle, "legendgroup": name}]
+    return [shade, {**middle, "legendgroup": name}]
 
 
 def scopes(groups: Sequence[Group]) -> list[tuple[str, str]]:

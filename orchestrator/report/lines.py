@@ -30,21 +30,39 @@ def line(x: Ints | Floats, y: Floats, name: str, colour: str, **more: Any) -> Tr
     }
 
 
-def band(x: Ints | Floats, low: Floats, high: Floats, name: str, colour: str, **more: Any) -> list[Trace]:
-    """Return a filled band between two lines; it has no hover of its own."""
-    common = {
+def band(x: Ints | Floats, low: Floats, high: Floats, name: str, colour: str, **more: Any) -> Trace:
+    """Return a filled band between two lines, with gaps where either is unknown; it has no hover."""
+    xs, ys = _outline(np.asarray(x, dtype=np.float64), low, high)
+    return {
         "type": "scatter",
         "mode": "lines",
-        "x": x,
+        "x": xs,
+        "y": ys,
         "line": {"width": 0, "color": colour},
+        "fill": "toself",
+        "fillcolor": colour,
         "hoverinfo": "skip",
         "legendgroup": name,
+        "name": name,
         **more,
     }
-    return [
-        {**common, "y": low, "showlegend": False},
-        {**common, "y": high, "name": name, "fill": "tonexty", "fillcolor": colour},
-    ]
+
+
+def _outline(x: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Return the outlines of a band's whole stretches, NaN between them."""
+    known = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
+    if not known.size:
+        return np.zeros(0), np.zeros(0)
+    parts = np.split(known, np.flatnonzero(np.diff(known) > 1) + 1)
+    apart = np.array([np.nan])
+    xs = [np.concatenate([x[own], x[own][::-1], apart]) for own in parts]
+    ys = [np.concatenate([low[own], high[own][::-1], apart]) for own in parts]
+    return np.concatenate(xs)[:-1], np.concatenate(ys)[:-1]
+
+
+def stairs(x: Ints | Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return a line that keeps each value until the next begins."""
+    return np.repeat(np.asarray(x, dtype=np.float64), 2)[1:], np.repeat(y, 2)[:-1]
 
 
 def attack_shapes(marks: Bools) -> list[dict[str, Any]]:

@@ -109,6 +109,8 @@ def template() -> dict[str, Any]:
         "automargin": True,
         "title": {"standoff": 8, "font": {"size": 13}},
         "tickfont": {"size": 12},
+        "exponentformat": "e",
+        "minexponent": 5,
     }
     return {
         "font": {"family": "system-ui, -apple-system, 'Segoe UI', sans-serif", "size": 13, "color": "$ink"},

@@ -51,10 +51,10 @@ def _tracking_traces(recording: Recording, node: int, component: int, most: int)
     below = {"yaxis": "y2", "showlegend": False}
     error = line(x, (state - truth)[chosen], "estimate", "$blue", hovertemplate="error %{y:.4g}", **below)
     return [
-        *band(x, low, high, "estimate ± 2σ", "$blue/22"),
+        band(x, low, high, "estimate ± 2σ", "$blue/22"),
         line(x, truth[chosen], "truth", "$ink", width=2.2, hovertemplate=hover),
         line(x, state[chosen], "estimate", "$blue", hovertemplate=hover),
-        *band(x, -reach, reach, "estimate ± 2σ", "$blue/22", **below),
+        band(x, -reach, reach, "estimate ± 2σ", "$blue/22", **below),
         {**error, "legendgroup": "estimate"},
     ]
 
@@ -98,10 +98,11 @@ def tracking_figure(recording: Recording, notes: list[str]) -> Figure:
         key = [attack_key()] if recording.attacked.any() else []
         for component, label in enumerate(components):
             traces = _tracking_traces(recording, node, component, most)
-            axes = {
-                "yaxis": {"title": {"text": label}, **lines_range(traces[:4])},
-                "yaxis2": lines_range(traces[4:]),
-            }
+            above, below = (
+                lines_range([trace for trace in traces if trace.get("yaxis", "y") == axis])
+                for axis in ("y", "y2")
+            )
+            axes = {"yaxis": {"title": {"text": label}, **above}, "yaxis2": below}
             views[name, str(component)] = View([*traces, *key], {"shapes": shapes, **axes})
     marks = {node.name: " (attacked)" if node.attacked_steps else "" for node in recording.score.nodes}
     return Figure(

@@ -151,7 +151,7 @@ def test_a_band_that_would_hide_the_lines_is_cut_and_others_are_not() -> None:
 
     def shown(width: float, at: int | None = None) -> dict[str, Any]:
         reach = np.full(50, width) if at is None else np.where(x == at, width, 0.1)
-        return lines_range([*band(x, y - reach, y + reach, "b", "$blue"), line(x, y, "l", "$ink")])
+        return lines_range([band(x, y - reach, y + reach, "b", "$blue"), line(x, y, "l", "$ink")])
 
     assert shown(0.2) == {}
     assert shown(12.0) == {}, "an estimator that is too careful shows its whole band"

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.report.contents import Figure, View
+from orchestrator.report.lines import band, stairs
 from orchestrator.report.palette import DARK, LIGHT, colour, coloured
 from orchestrator.report.payload import payload
 from orchestrator.report.thinning import binned, kept, stretches_of
@@ -87,6 +88,20 @@ def test_a_payload_holds_equal_arrays_once_and_numbers_in_single_precision() -> 
     assert back[0] == 0.5
     assert np.isnan(back[1])
     assert back[2] == 2.0**60
+
+
+def test_a_band_has_gaps_where_its_edges_do_and_joins_nothing_over_them() -> None:
+    low, high = np.array([0.0, 1.0, np.nan, 3.0, 4.0]), np.array([5.0, 6.0, 7.0, np.nan, 9.0])
+    drawn = band(np.arange(5), low, high, "b", "$blue")
+    assert drawn["x"].tolist() == pytest.approx([0, 1, 1, 0, np.nan, 4, 4], nan_ok=True)
+    assert drawn["y"].tolist() == pytest.approx([0, 1, 6, 5, np.nan, 4, 9], nan_ok=True)
+    assert band(np.arange(2), low[2:4], high[2:4], "b", "$blue")["x"].size == 0
+
+
+def test_stairs_keep_each_value_until_the_next_begins() -> None:
+    x, y = stairs(np.arange(3), np.array([1.0, 0.5, 0.2]))
+    assert x.tolist() == [0, 1, 1, 2, 2]
+    assert y.tolist() == [1.0, 1.0, 0.5, 0.5, 0.2]
 
 
 def test_a_payload_cannot_end_its_script() -> None:
