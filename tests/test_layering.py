@@ -17,6 +17,9 @@ MAY_IMPORT = {
 ONLY_IN = {
     "zenoh": {"bus/zenoh_bus.py"},
     "mcap": {"orchestrator/log"},
+    "plotly": {"orchestrator/report"},
+    "kaleido": {"orchestrator/report"},
+    "jinja2": {"orchestrator/report"},
     "pydantic": {"orchestrator/topology", "orchestrator/registry.py"},
 }
 PURE = [

@@ -21,6 +21,7 @@ from orchestrator.command_line.output import (
     verdict_console,
 )
 from orchestrator.command_line.replay import replay
+from orchestrator.command_line.report import report
 from orchestrator.command_line.reproduce import reproduce
 from orchestrator.command_line.sweep import sweep
 from orchestrator.command_line.test import run_tests
@@ -55,6 +56,7 @@ app.command()(compare)
 app.command()(replay)
 app.command()(reproduce)
 app.command("test")(run_tests)
+app.command()(report)
 
 TopologyFile = Annotated[
     Path, typer.Argument(metavar="FILE", help="A topology file (YAML).", show_default=False)

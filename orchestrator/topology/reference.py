@@ -32,6 +32,7 @@ _ROLES: Mapping[Role, str] = {
     "attacks": "`attacks: [{KIND: {...}, on: LINKS, steps: [FIRST, LAST]}]`: what adversaries do to packets.",
     "signals": "`attacks: [{KIND: {...}, on: plant}]`: what adversaries do to the plant.",
     "faults": "`attacks: [{KIND: {...}, on: NODE}]`: how nodes fail.",
+    "triggers": "`sensors: {s1: {..., send: {KIND: {...}}}}`, or on estimators: which slots to fill.",
     "schedules": "`attacks: [{..., when: {KIND: {...}}}]`: when an attack acts inside its steps.",
 }
 _SCOPES = {
@@ -39,6 +40,7 @@ _SCOPES = {
     "network": "a network of estimators",
     "link": "links",
     "window": "an attack window",
+    "sender": "a node with an event trigger",
 }
 _Schema = Mapping[str, Any]
 

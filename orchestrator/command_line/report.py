@@ -1,0 +1,57 @@
+"""`gauntlet report`: a run, a campaign or a comparison as one offline HTML page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from orchestrator.command_line.output import print_json
+
+
+def report(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PATH...",
+            help="A run's directory or log, or a campaign's directory; several are compared.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="The HTML file to write.")] = Path("report.html"),
+    by: Annotated[
+        Literal["node", "method", "variant"] | None,
+        typer.Option(
+            help="Tell estimators apart one by one, by method, or not at all inside a variant. "
+            "Default: by method and parameters.",
+            show_default=False,
+        ),
+    ] = None,
+    figures: Annotated[
+        Path | None, typer.Option(help="A directory to write the figures into as well, one file each.")
+    ] = None,
+    form: Annotated[
+        Literal["svg", "png"], typer.Option("--format", help="The kind of picture that --figures writes.")
+    ] = "svg",
+    json: Annotated[
+        bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")
+    ] = False,
+) -> None:
+    """Write one HTML page that needs no network: figures, verdicts, and where they come from."""
+    from orchestrator.report.making import page_for
+    from orchestrator.report.page import write_page
+
+    page = page_for(paths, by)
+    size = write_page(page, out)
+    pictures: list[Path] = []
+    if figures is not None:
+        from orchestrator.report.export import export
+
+        pictures = export(page.figures, figures, form)
+    if json:
+        print_json({"report": str(out), "bytes": size, "figures": [str(path) for path in pictures]})
+        return
+    typer.echo(f"wrote {out} ({size / 1e6:.1f} MB)")
+    for path in pictures:
+        typer.echo(f"wrote {path}")

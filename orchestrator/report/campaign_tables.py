@@ -1,0 +1,205 @@
+"""Tables of many trials: variants, errors, consistency, detectors, and where it all comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from orchestrator.evidence.detectors import Detection
+from orchestrator.evidence.figures import consistency, efficiency, rmse, sent_rate
+from orchestrator.evidence.intervals import Interval, share
+from orchestrator.evidence.sources import Source
+from orchestrator.evidence.timing import step_time
+from orchestrator.report.contents import Mark, Table, Text
+from orchestrator.report.groups import Group, Outcomes, state_names
+
+_TONES = {"consistent": "good", "overconfident": "bad", "conservative": "warn", "unknown": "plain"}
+
+
+def figure(value: float) -> str:
+    """Return a number for people."""
+    return "-" if np.isnan(value) else "unbounded" if np.isinf(value) else f"{value:.4g}"
+
+
+def interval(found: Interval, percent: bool = False) -> str:
+    """Return a figure with its interval for people."""
+    scale, unit = (100.0, " %") if percent else (1.0, "")
+    if np.isnan(found.value):
+        return "-"
+    if np.isnan(found.low):
+        return f"{scale * found.value:.4g}{unit}"
+    return f"{scale * found.value:.4g}{unit} [{scale * found.low:.3g}, {scale * found.high:.3g}]"
+
+
+def variant_table(groups: Sequence[Group]) -> Table:
+    """Return the groups of estimators with what became of their trials."""
+    rows = []
+    for number, group in enumerate(groups, start=1):
+        own = Outcomes.of([group])
+        rows.append(
+            (
+                f"{number}",
+                group.name,
+                _span(group.nodes),
+                f"{own.trials:,}",
+                f"{own.failed:,}",
+                interval(share(own.passed, own.trials), percent=True),
+                interval(share(own.diverged, own.trials - own.failed), percent=True),
+                interval(sent_rate(group.rows), percent=True),
+            )
+        )
+    columns = (
+        *("", "variant", "estimators", "trials", "without score", "passed", "diverged"),
+        "slots with a packet",
+    )
+    return Table("Variants, with intervals over trials", columns, rows, frozenset({0, 1, 2}))
+
+
+def _span(nodes: Sequence[str]) -> str:
+    return ", ".join(nodes) if len(nodes) <= 3 else f"{nodes[0]} to {nodes[-1]} ({len(nodes)})"
+
+
+def error_table(groups: Sequence[Group]) -> Table:
+    """Return the RMSE of each group in each state group."""
+    states = state_names(groups)
+    rows = [
+        (group.name, *(interval(rmse(group.rows, state, group.confidence)) for state in states))
+        for group in groups
+    ]
+    columns = ("variant", *("whole state" if state == "state" else state for state in states))
+    return Table("RMSE over all scored steps and trials", columns, rows)
+
+
+def consistency_table(groups: Sequence[Group]) -> Table:
+    """Return NEES and NIS of each group over all steps, with their verdicts."""
+    rows = []
+    for group in groups:
+        found = consistency(group.rows, group.from_step, group.confidence)
+        for what, split in (("NEES", found.nees), ("NIS", found.nis)):
+            own = split.all
+            if np.isnan(own.ratio):
+                continue
+            bounds = "-" if np.isnan(own.low) else f"{max(own.low, 0.0):.4g} to {own.high:.4g}"
+            rows.append(
+                (
+                    group.name,
+                    what,
+                    figure(own.ratio),
+                    bounds,
+                    Mark(own.judgement, _TONES[own.judgement]),
+                    figure(split.attacked.ratio),
+                    figure(split.unattacked.ratio),
+                    _white(found.whiteness.all.p_value) if what == "NIS" else "-",
+                )
+            )
+    columns = ("variant", "figure", "by its dof", "if consistent", "verdict", "under attack", "else", "white")
+    return Table("Consistency over all steps", columns, rows, frozenset({0, 1}))
+
+
+def _white(p_value: float) -> str:
+    if np.isnan(p_value):
+        return "-"
+    shown = "p < 0.001" if p_value < 0.001 else f"p {p_value:.2g}"
+    return f"{'yes' if p_value >= 0.05 else 'no'} ({shown})"
+
+
+def bound_blocks(groups: Sequence[Group]) -> list[Table | Text]:
+    """Return errors by the posterior Cramér-Rao bound, and where it is refused and why."""
+    states, rows, reasons = state_names(groups), [], dict[str, int]()
+    for group in groups:
+        own = [efficiency(group.rows, state, group.from_step, group.confidence) for state in states]
+        for reason, count in own[-1].refused.items():
+            reasons[reason] = reasons.get(reason, 0) + count
+        if own[-1].steps:
+            ratios = (interval(part.ratio) for part in own)
+            rows.append((group.name, *ratios, f"{100 * own[-1].steps:.3g} %", ", ".join(own[-1].given)))
+    columns = ("variant", *states, "of the steps", "given")
+    title = "RMSE over the posterior Cramér-Rao bound, in the steps in which that is right"
+    blocks: list[Table | Text] = []
+    if rows:
+        blocks.append(Table(title, columns, rows, frozenset({0, len(columns) - 1})))
+    if reasons:
+        told = "; ".join(f"{reason} ({count:,} rows)" for reason, count in sorted(reasons.items())[:6])
+        blocks.append(Text(f"The posterior Cramér-Rao bound is refused where it would be wrong: {told}."))
+    return blocks
+
+
+def detection_table(found: Mapping[str, Detection]) -> Table:
+    """Return rates, areas and delays of the detectors."""
+    rows = [
+        (
+            name,
+            interval(own.recall, percent=True),
+            interval(own.false_alarm_rate, percent=True),
+            figure(own.between_false_alarms),
+            interval(own.roc.area),
+            f"{own.delay.found} of {own.delay.windows}" if own.delay.windows else "-",
+            _steps(own.delay.median) if own.delay.windows else "-",
+        )
+        for name, own in found.items()
+    ]
+    columns = (
+        *("variant", "attacked rejected", "genuine rejected", "genuine a false alarm"),
+        *("AUC", "attacks found", "median delay"),
+    )
+    return Table("Detectors, with intervals over trials", columns, rows)
+
+
+def _steps(found: Interval) -> str:
+    def one(value: float) -> str:
+        return "never" if np.isinf(value) else figure(value)
+
+    return (
+        one(found.value)
+        if np.isnan(found.low)
+        else f"{one(found.value)} [{one(found.low)}, {one(found.high)}]"
+    )
+
+
+def failure_table(sources: Sequence[Source]) -> Table | None:
+    """Return the trials that came to no score, and why; None when there is none."""
+    rows = []
+    for source in sources:
+        table = source.read(lambda name: name in ("variant", "trial", "seed", "status", "message"))
+        rows += [
+            (source.name, row["variant"], row["trial"], row["seed"], row["message"])
+            for row in table.to_pylist()
+            if row["status"] == "failed"
+        ]
+    if not rows:
+        return None
+    columns = ("topology", "variant", "trial", "seed", "why")
+    return Table(f"Trials without a score ({len(rows)})", columns, rows[:200], frozenset({0, 4}), folded=True)
+
+
+def origin_table(source: Source) -> Table:
+    """Return where a source comes from."""
+    facts = dict(source.provenance)
+    told = {**facts, **facts.get("versions", {})}
+    versions = {key.partition(".")[2]: text for key, text in told.items() if key.startswith("version.")}
+    time = step_time(source)
+    titles = {
+        "file": "file",
+        "seed": "seed",
+        "first_trial": "first trial",
+        "trials": "trials",
+        "trial": "trial",
+        "overrides": "settings",
+        "topology_hash": "topology hash",
+        "topology_hashes": "topology hashes",
+        "git_commit": "commit",
+        "machine": "machine",
+    }
+    rows = [("results", str(source.path)), ("topology", source.name)]
+    rows += [
+        (title, _plain(told[key])) for key, title in titles.items() if told.get(key) not in (None, [], "")
+    ]
+    rows.append(("versions", ", ".join(f"{name} {text}" for name, text in versions.items())))
+    if time.trials:
+        rows.append(("time of a step", f"{1e3 * time.p50_s:.3g} ms, 95 % below {1e3 * time.p95_s:.3g} ms"))
+    return Table(f"Where {source.name} comes from", (), rows, frozenset({0, 1}))
+
+
+def _plain(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)

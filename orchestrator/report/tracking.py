@@ -1,0 +1,211 @@
+"""Truth against estimates, and how far they are apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from orchestrator.report.contents import Choice, Figure, Trace, View
+from orchestrator.report.lines import (
+    attack_key,
+    attack_shapes,
+    band,
+    line,
+    log_axis,
+    stacked,
+    step_axis,
+    value_axis,
+)
+from orchestrator.report.palette import series_style
+from orchestrator.report.recording import Recording
+from orchestrator.report.thinning import in_order, kept, leading_nodes, points
+from orchestrator.score.accuracy import root_mean_square
+from orchestrator.score.gather import Floats
+
+PAIRS = 240
+"""Most pairs of node and component that the tracking figure holds."""
+
+BAND_REACH = 4.0
+"""How many times the span of its lines a band may reach beyond them before it is cut."""
+
+WIDEST = 30.0
+"""How many times the span of its lines a band may usually have before it is cut."""
+
+LINES = 24
+"""Most estimators that have a line of their own in the figure of errors."""
+
+SHOWN = 6
+"""Estimators whose lines are shown at first."""
+
+
+def _tracking_traces(recording: Recording, node: int, component: int, most: int) -> list[Trace]:
+    """Return the traces of one estimator and component: the values above, the error below."""
+    truth, state = recording.truth[:, component], recording.state[node, :, component]
+    sigma = recording.sigma[node, :, component]
+    chosen = kept(state - truth, most)
+    x, reach = chosen, 2.0 * sigma[chosen]
+    low, high = state[chosen] - reach, state[chosen] + reach
+    hover = "%{y:.4g}"
+    below = {"yaxis": "y2", "showlegend": False}
+    error = line(x, (state - truth)[chosen], "estimate", "$blue", hovertemplate="error %{y:.4g}", **below)
+    return [
+        band(x, low, high, "estimate ± 2σ", "$blue/22"),
+        line(x, truth[chosen], "truth", "$ink", width=2.2, hovertemplate=hover),
+        line(x, state[chosen], "estimate", "$blue", hovertemplate=hover),
+        band(x, -reach, reach, "estimate ± 2σ", "$blue/22", **below),
+        {**error, "legendgroup": "estimate"},
+    ]
+
+
+def lines_range(traces: Sequence[Trace]) -> dict[str, Any]:
+    """Return the range of an axis where a band is so wide that the lines in it could not be told apart."""
+    lines = [trace["y"] for trace in traces if trace["line"]["width"]]
+    known = np.concatenate([values[np.isfinite(values)] for values in lines])
+    edges = np.concatenate([trace["y"] for trace in traces if not trace["line"]["width"]])
+    if not known.size or not np.isfinite(edges).any():
+        return {}
+    low, high = float(known.min()), float(known.max())
+    width = 2.0 * float(np.nanmedian(np.abs(edges - np.nanmedian(edges))))
+    span = max(high - low, min(width, WIDEST * (high - low)), 1e-9)
+    if np.nanmax(edges) <= high + BAND_REACH * span and np.nanmin(edges) >= low - BAND_REACH * span:
+        return {}
+    return {"range": [low - 0.5 * span, high + 0.5 * span], "autorange": False}
+
+
+def tracking_figure(recording: Recording, notes: list[str]) -> Figure:
+    """Return truth and estimates with 2-sigma bands, one estimator and component at a time."""
+    components, names = recording.components, recording.names
+    most_nodes = max(PAIRS // max(len(components), 1), 1)
+    leading = leading_nodes(recording.score, most_nodes)
+    chosen = in_order(leading, names)
+    most = points(len(chosen) * len(components))
+    if len(chosen) < len(names):
+        notes.append(
+            f"Truth against estimates: {len(chosen)} of {len(names)} estimators can be chosen, the attacked, "
+            "the worst and the best first."
+        )
+    if recording.plan.steps > most:
+        notes.append(
+            f"Truth against estimates: of {recording.plan.steps:,} steps about {most:,} a line are drawn, "
+            "the smallest and the largest error of each stretch among them."
+        )
+    views: dict[tuple[str, ...], View] = {}
+    for name in chosen:
+        node = names.index(name)
+        shapes = attack_shapes(recording.attacked[node])
+        key = [attack_key()] if recording.attacked.any() else []
+        for component, label in enumerate(components):
+            traces = _tracking_traces(recording, node, component, most)
+            above, below = (
+                lines_range([trace for trace in traces if trace.get("yaxis", "y") == axis])
+                for axis in ("y", "y2")
+            )
+            axes = {"yaxis": {"title": {"text": label}, **above}, "yaxis2": below}
+            views[name, str(component)] = View([*traces, *key], {"shapes": shapes, **axes})
+    marks = {node.name: " (attacked)" if node.attacked_steps else "" for node in recording.score.nodes}
+    return Figure(
+        name="tracking",
+        title="Truth and estimate, and the error of it",
+        views=views,
+        layout=stacked(["value", "error"], [0.6, 0.4], recording.plan.period_s),
+        choices=(
+            Choice("Estimator", [(name, f"{name}{marks[name]}") for name in chosen], leading[0]),
+            Choice("Component", [(str(i), label) for i, label in enumerate(components)], "0"),
+        ),
+        text="The band is what the estimator itself believes: two standard deviations around its "
+        "estimate. An honest one holds the truth in about 95 % of the steps. Shaded: an attacked "
+        "packet reached this estimator, or an attack the plant.",
+        height=470,
+    )
+
+
+def error_figure(recording: Recording, notes: list[str]) -> Figure:
+    """Return the error norms of all estimators over time, by state group."""
+    names, groups = recording.names, list(recording.evidence.errors.norm)
+    leading = leading_nodes(recording.score, LINES)
+    drawn = in_order(leading, names)
+    if len(drawn) < len(names):
+        notes.append(f"Errors over time: lines of {len(drawn)} of {len(names)} estimators.")
+    most = points(len(drawn) * len(groups))
+    if recording.plan.steps > most:
+        notes.append(f"Errors over time: smallest and largest of each stretch, {most:,} points a line.")
+    views: dict[tuple[str, ...], View] = {}
+    for group in groups:
+        norm = recording.evidence.errors.norm[group]
+        traces = []
+        for name in drawn:
+            values = norm[names.index(name)]
+            at = kept(values, most)
+            rank = leading.index(name)
+            style = series_style(rank)
+            trace = line(at, values[at], name, style["color"], dash=style["dash"], width=1.5)
+            traces.append(
+                {
+                    **trace,
+                    "hovertemplate": "%{y:.4g}",
+                    "visible": True if rank < SHOWN else "legendonly",
+                }
+            )
+        if len(names) > 1:
+            whole = root_mean_square(norm, recording.evidence.errors.alive, axis=0)
+            at = kept(whole, most)
+            traces.append(
+                line(at, whole[at], "RMS of all", "$ink", width=2.8, dash="solid", hovertemplate="%{y:.4g}")
+            )
+        key = [attack_key()] if recording.attacked.any() else []
+        views[(group,)] = View(
+            [*traces, *key],
+            {"yaxis": _error_axis(group, norm), "shapes": attack_shapes(np.any(recording.attacked, axis=0))},
+        )
+    choices = [(group, "whole state" if group == "state" else group) for group in groups]
+    return Figure(
+        name="errors",
+        title="Error norm over time",
+        views=views,
+        layout={"xaxis": step_axis(recording.plan.period_s), "hovermode": "x unified"},
+        choices=(Choice("State group", choices, groups[0]),),
+        text="Euclidean distance between estimate and truth in a group of the state's components. Shaded: an "
+        "attack on any of the estimators, or on the plant. The names below switch lines on and off.",
+        height=400,
+    )
+
+
+def _error_axis(group: str, norm: Floats) -> dict[str, object]:
+    known = norm[np.isfinite(norm) & (norm > 0)]
+    label = f"error of {'the state' if group == 'state' else group}"
+    if known.size and known.max() > 200.0 * np.median(known):
+        return log_axis(label, [known])
+    return value_axis(label, rangemode="tozero")
+
+
+def disagreement_figure(recording: Recording) -> Figure | None:
+    """Return how far the members of each network are apart over time; None without a network."""
+    traces = []
+    for number, network in enumerate(recording.score.networks):
+        values = np.array(network.disagreement_by_step, dtype=np.float64)
+        if np.isfinite(values).any():
+            at = kept(values)
+            style = series_style(number)
+            name = f"{network.members[0]} to {network.members[-1]}"
+            traces.append(
+                line(at, values[at], name, style["color"], dash=style["dash"], hovertemplate="%{y:.4g}")
+            )
+    if not traces:
+        return None
+    axis = value_axis("disagreement", rangemode="tozero")
+    if recording.evidence.errors.norm and max(np.nanmax(trace["y"]) for trace in traces) > 1e3:
+        axis = log_axis("disagreement", [trace["y"] for trace in traces])
+    return Figure(
+        name="disagreement",
+        title="Disagreement in each network over time",
+        views={(): View(traces, {"shapes": attack_shapes(np.any(recording.attacked, axis=0))})},
+        layout={
+            "xaxis": step_axis(recording.plan.period_s),
+            "yaxis": axis,
+            "hovermode": "x unified",
+        },
+        text="RMS distance of the estimates of the estimators that belong together from their mean.",
+        height=260,
+    )

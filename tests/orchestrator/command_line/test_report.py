@@ -1,0 +1,117 @@
+"""`gauntlet report`: one HTML file, pictures beside it, and what it says when it cannot."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from orchestrator.report.export import find_browser
+from tests.orchestrator.command_line.conftest import Command
+
+pytest.importorskip("plotly", reason="reports are an extra")
+pytest.importorskip("jinja2", reason="reports are an extra")
+pytest.importorskip("pyarrow", reason="reports are an extra")
+
+NEEDS_BROWSER = pytest.mark.skipif(
+    find_browser() is None, reason="no Chromium or Chrome to draw pictures with"
+)
+
+
+@pytest.mark.parametrize("given", ["", "run.mcap"])
+def test_a_run_is_reported_from_its_directory_or_its_log(
+    gauntlet: Command, home: Path, finished_run: Path, given: str
+) -> None:
+    answer = gauntlet("report", finished_run / given, "--out", "out/report.html")
+    assert (answer.code, answer.err) == (0, "")
+    assert re.fullmatch(r"wrote out/report.html \(\d\.\d MB\)\n", answer.out)
+    text = (home / "out" / "report.html").read_text()
+    assert text.startswith("<!doctype html>")
+    assert "<strong>PASSED</strong>" in text
+
+
+def test_json_tells_what_was_written(gauntlet: Command, home: Path, finished_run: Path) -> None:
+    answer = gauntlet("report", finished_run, "--json")
+    size = (home / "report.html").stat().st_size
+    assert answer.json() == {"report": "report.html", "bytes": size, "figures": []}
+
+
+def test_what_is_no_run_is_bad_input_that_names_the_place(gauntlet: Command, home: Path) -> None:
+    answer = gauntlet("report", "nowhere", "--out", "report.html")
+    assert answer.code == 2
+    assert "nowhere holds no run and no campaign" in answer.err
+    assert not (home / "report.html").exists()
+
+
+def test_a_place_that_cannot_be_written_is_bad_input(
+    gauntlet: Command, home: Path, finished_run: Path
+) -> None:
+    (home / "file").write_text("")
+    answer = gauntlet("report", finished_run, "--out", "file/report.html")
+    assert answer.code == 2
+    assert "file/report.html cannot be written" in answer.err
+
+
+@pytest.mark.parametrize("library", ["plotly.offline", "jinja2"])
+def test_a_missing_library_is_told_with_its_cure(
+    gauntlet: Command, finished_run: Path, monkeypatch: pytest.MonkeyPatch, library: str
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    answer = gauntlet("report", finished_run)
+    assert answer.code == 2
+    assert f"a report needs {library.partition('.')[0]}: pip install 'gauntlet[report]'" in answer.err
+
+
+def test_pictures_without_a_browser_are_refused_with_the_cure(
+    gauntlet: Command, home: Path, finished_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("kaleido", reason="pictures are an extra")
+    monkeypatch.setenv("PATH", str(home))
+    monkeypatch.delenv("BROWSER_PATH", raising=False)
+    answer = gauntlet("report", finished_run, "--figures", "figures")
+    assert answer.code == 2
+    assert "needs Chromium or Chrome, and none was found" in answer.err
+    assert "BROWSER_PATH" in answer.err
+
+
+@NEEDS_BROWSER
+def test_figures_become_pictures_and_equal_ones_equal_files(tmp_path: Path, finished_run: Path) -> None:
+    pytest.importorskip("kaleido", reason="pictures are an extra")
+    from orchestrator.report.export import export
+    from orchestrator.report.making import page_for
+
+    figures = [
+        figure for figure in page_for([finished_run]).figures if figure.name in ("network", "tracking")
+    ]
+    paths = export(figures, tmp_path / "a", "svg")
+    assert [path.name for path in paths] == ["network.svg", "tracking.svg"]
+    for path, told in zip(paths, (">e2<", ">estimate ± 2σ<"), strict=True):
+        assert told in path.read_text()
+    (again,) = export(figures[:1], tmp_path / "b", "svg")
+    assert again.read_text() == paths[0].read_text()
+
+
+@pytest.mark.slow
+@NEEDS_BROWSER
+def test_every_figure_becomes_a_picture(gauntlet: Command, home: Path, finished_run: Path) -> None:
+    pytest.importorskip("kaleido", reason="pictures are an extra")
+    answer = gauntlet("report", finished_run, "--figures", "pictures", "--format", "png", "--json")
+    names = answer.json()["figures"]
+    assert len(names) >= 8
+    for name in names:
+        assert (home / name).read_bytes().startswith(b"\x89PNG")
+
+
+@NEEDS_BROWSER
+def test_a_browser_that_does_not_run_is_told_with_the_cure(
+    gauntlet: Command, home: Path, finished_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("kaleido", reason="pictures are an extra")
+    (home / "chrome").write_text("#!/bin/sh\nexit 1\n")
+    (home / "chrome").chmod(0o755)
+    monkeypatch.setenv("BROWSER_PATH", str(home / "chrome"))
+    answer = gauntlet("report", finished_run, "--figures", "pictures")
+    assert answer.code == 2
+    assert "drew no pictures" in answer.err

@@ -1,0 +1,208 @@
+"""The page of many trials: groups, figures, comparison, and what it says of trials that failed."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from orchestrator.evidence.figures import rmse
+from orchestrator.evidence.sources import Source, load_source
+from orchestrator.report.contents import Page, Table
+from orchestrator.report.errors import ReportError
+from orchestrator.report.groups import Outcomes, find_groups, short_names, trial_rmse
+from orchestrator.report.making import page_for
+from orchestrator.report.page import write_page
+from tests.orchestrator.report.looking import look_at
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+pytest.importorskip("plotly", reason="reports are an extra")
+pytest.importorskip("jinja2", reason="reports are an extra")
+pytest.importorskip("pyarrow", reason="campaigns are an extra")
+
+
+OTHER = """
+name: other
+steps: 20
+period_s: 0.1
+plant: {model: linear, A: [[0.9]], process_noise: {std: 0.1}, initial: {std: 1.0}}
+sensors: {s1: {model: linear, C: [[1.0]], noise: {std: 0.1}}}
+estimators: {e1: {method: kalman, sensors: [s1]}}
+"""
+
+
+def table(page: Page, title: str) -> Table:
+    """Return the table of a page whose caption begins so."""
+    blocks = [block for section in page.sections for block in section.blocks]
+    return next(own for own in blocks if isinstance(own, Table) and own.caption.startswith(title))
+
+
+def test_groups_are_estimators_that_differ_only_in_what_they_hear(campaign: Path) -> None:
+    groups = find_groups([load_source(campaign)], None, [])
+    assert len({group.variant for group in groups}) == 2
+    assert [group.nodes for group in groups[:3]] == [["e1", "e2", "e3"], ["lone"], ["strict"]]
+    assert groups[0].attacked == ("e2",)
+    assert len({group.name for group in groups}) == len(groups)
+
+
+@pytest.mark.parametrize(("by", "each"), [("node", 5), ("method", 2), ("variant", 1)])
+def test_groups_can_be_made_otherwise(campaign: Path, by: str, each: int) -> None:
+    groups = find_groups([load_source(campaign)], by, [])  # type: ignore[arg-type]
+    assert len(groups) == 2 * each
+
+
+def test_settings_are_named_by_as_much_as_tells_them_apart() -> None:
+    assert short_names(["a.b.value", "c.rate"]) == {"a.b.value": "value", "c.rate": "rate"}
+    assert short_names(["a.b.value", "c.value"]) == {"a.b.value": "b.value", "c.value": "c.value"}
+
+
+def test_the_page_says_what_the_statistics_of_evidence_say(campaign: Path, campaign_page: Page) -> None:
+    groups = find_groups([load_source(campaign)], None, [])
+    own = table(campaign_page, "RMSE over all")
+    found = rmse(groups[1].rows, "position")
+    column = list(own.columns).index("position")
+    assert own.rows[1][0] == groups[1].name
+    assert own.rows[1][column] == f"{found.value:.4g} [{found.low:.3g}, {found.high:.3g}]"
+
+
+def test_the_error_of_a_trial_is_that_of_its_estimators_together(campaign: Path) -> None:
+    group = find_groups([load_source(campaign)], None, [])[0]
+    values = group.rows.scalar("rmse.position").reshape(3, 3)
+    assert trial_rmse(group.rows, "position") == pytest.approx(np.sqrt(np.mean(values**2, axis=1)))
+    assert trial_rmse(group.of("attacked"), "position") == pytest.approx(values[:, 1])
+
+
+def test_an_attack_has_its_price_beside_its_unattacked_twin(campaign_page: Page) -> None:
+    own = table(campaign_page, "Price of the attack in rmse.position")
+    assert len(own.rows) == 3
+    assert own.rows[1][3].startswith("0 [")  # nobody attacked `lone`
+
+
+def test_trials_without_a_score_are_counted_and_told(campaign: Path, tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    from orchestrator.evidence.rows import FAILED
+
+    source = load_source(campaign)
+    for file in campaign.iterdir():
+        if file.is_file() and file.name != "results.parquet":
+            (tmp_path / file.name).write_bytes(file.read_bytes())
+    (tmp_path / "topologies").mkdir()
+    for file in (campaign / "topologies").iterdir():
+        (tmp_path / "topologies" / file.name).write_bytes(file.read_bytes())
+    rows = source.table.to_pylist()
+    keys = {"variant": 0, "trial": 1}
+    broken = [row for row in rows if any(row[key] != value for key, value in keys.items())]
+    lost = next(row for row in rows if all(row[key] == value for key, value in keys.items()))
+    empty = dict.fromkeys(lost) | {key: lost[key] for key in ("variant", "trial", "seed")}
+    failed = {**empty, "node": "", "method": "", "status": FAILED, "message": "it broke", "passed": False}
+    held = type(source.table).from_pylist([*broken, failed], schema=source.table.schema)
+    pq.write_table(
+        held.sort_by([("variant", "ascending"), ("trial", "ascending")]), tmp_path / "results.parquet"
+    )
+    groups = find_groups([load_source(tmp_path)], None, [])
+    assert Outcomes.of(groups) == dataclasses.replace(
+        Outcomes.of(find_groups([source], None, [])), failed=1, passed=5
+    )
+    page = page_for([tmp_path])
+    assert page.word == "PARTLY FAILED"
+    assert table(page, "Trials without a score (1)").rows[0][-1] == "it broke"
+
+
+def test_two_runs_are_compared_on_one_page(attacked_run: Path) -> None:
+    page = page_for([attacked_run, attacked_run])
+    assert page.kind == "Comparison"
+    names = [group[1] for group in table(page, "Variants").rows]
+    assert len(set(names)) == 4, "two methods of each run, told apart"
+    verdicts = {(row[1], row[2]): row[-1].text for row in table(page, "Every two").rows}
+    assert verdicts[names[0], names[2]] == "identical"
+
+
+def test_every_difference_has_a_row_of_its_own_however_long_the_names(campaign_page: Page) -> None:
+    figure = next(own for own in campaign_page.figures if own.name == "differences")
+    for view in figure.views.values():
+        assert view.traces[0]["y"].tolist() == view.layout["yaxis"]["tickvals"]
+        assert len(set(view.layout["yaxis"]["ticktext"])) == view.traces[0]["y"].size
+
+
+def test_sources_of_different_plants_are_compared_in_what_they_share(
+    attacked_run: Path, tmp_path: Path
+) -> None:
+    from orchestrator.run import run_topology
+    from orchestrator.run_directory import make_run_directory
+    from orchestrator.topology.load import load_topology
+
+    (tmp_path / "other.yaml").write_text(OTHER)
+    topology = load_topology(tmp_path / "other.yaml")
+    directory = make_run_directory(tmp_path / "out", "other", 1)
+    run_topology(topology, directory, "inprocess", lambda recorded: None)
+    page = page_for([attacked_run, directory])
+    assert table(page, "RMSE over all").columns == ("variant", "whole state")
+
+
+def test_a_run_taken_apart_by_node_compares_its_estimators(attacked_run: Path) -> None:
+    page = page_for([attacked_run], "node")
+    assert "Comparison" in [section.title for section in page.sections]
+    assert page.headline.startswith("All that was expected held in 0 of 1 trials")
+
+
+def test_the_same_campaign_gives_the_same_bytes(campaign: Path, campaign_file: Path, tmp_path: Path) -> None:
+    write_page(page_for([campaign]), tmp_path / "again.html")
+    assert (tmp_path / "again.html").read_bytes() == campaign_file.read_bytes()
+
+
+def test_very_many_judged_packets_are_read_in_part_and_the_page_says_so(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.report.groups.PACKETS", 100)
+    notes: list[str] = []
+    groups = find_groups([load_source(campaign)], None, notes)
+    assert notes[0].startswith("Detection is told of the first 2 of 3 trials")
+    assert groups[0].judged.trials == 2
+    assert groups[0].rows.trials == 3
+
+
+def test_every_figure_of_a_campaign_is_one_that_plotly_takes(campaign_page: Page) -> None:
+    from plotly.graph_objects import Figure as Checked
+
+    from orchestrator.report.palette import LIGHT
+    from orchestrator.report.payload import plotly_figure
+
+    figures = campaign_page.figures
+    assert [figure.name for figure in figures] == [
+        *("outcomes", "differences", "rmse", "trials", "consistency", "roc", "survival", "operating"),
+        *("pareto", "disagreement"),
+    ]
+    for figure in figures:
+        for view in figure.views.values():
+            Checked(plotly_figure(figure, view, LIGHT))
+
+
+def test_the_page_of_a_campaign_draws_and_can_be_read(browser: Browser, campaign_file: Path) -> None:
+    with look_at(browser, campaign_file, width=390, scheme="light") as look:
+        assert look.complaints == []
+        assert look.requests == [campaign_file.as_uri()]
+        assert look.overflow() <= 0
+        assert look.smallest_text() >= 10.0
+        assert look.empty_plots() == []
+
+
+def test_an_empty_source_is_refused_with_its_place(campaign: Path) -> None:
+    source = load_source(campaign)
+
+    class Empty(Source):
+        """A source of which no trial is left."""
+
+        table = source.table.slice(0, 0)
+        documents = source.documents
+
+        def read(self, wanted: object) -> object:  # type: ignore[override]
+            return self.table
+
+    with pytest.raises(ReportError, match="holds no trial that was scored"):
+        find_groups([Empty("run", "empty", campaign, {})], None, [])
