@@ -36,7 +36,7 @@ channel:
 attacks:
   - {bias: {value: 5.0}, on: s2->e2, steps: [4, 6]}
 expect:
-  rmse.position: {at_most: 0.4}
+  rmse.position: {at_most: 0.15}
 """
 
 MOODY = '''
