@@ -54,7 +54,7 @@ def run_trial(plan: Plan, logged: Topology, trial: int) -> tuple[list[Row], Tria
     gatherer = Gatherer(here.plan)
     stamps: list[float] = []
     try:
-        run_carried(own, _noting_steps(gatherer, stamps), gatherer.take_delivery, _WINDOW)
+        run_carried(own, _noting_steps(gatherer, stamps), gatherer.take, _WINDOW)
         rows = gathered_rows(here, gatherer.finish())
     except Exception as error:
         print(f"{own.name}, trial {trial}:", file=sys.stderr)
