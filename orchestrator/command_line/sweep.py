@@ -72,12 +72,17 @@ def sweep(
         ),
     ] = None,
     dask: DaskAddress = None,
+    trial_timeout: Annotated[
+        float,
+        typer.Option(metavar="S", help="Give up a trial that takes a worker longer than this (s).", min=0.1),
+    ] = 3600.0,
     json: Json = False,
 ) -> None:
     """Run a topology in many trials, and in variants; keep every figure of every trial in one file."""
     from orchestrator.campaign.sweep import Request, prepare
 
-    request = Request(file, trials, first_trial, tuple(overrides or ()), seed, out, jobs or cpus(), dask)
+    changes = tuple(overrides or ())
+    request = Request(file, trials, first_trial, changes, seed, out, jobs or cpus(), dask, trial_timeout)
     done = carry_out(prepare(request), json=json)
     if json:
         print_json(done.facts())
