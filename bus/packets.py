@@ -51,6 +51,11 @@ class Delivery(msgspec.Struct, frozen=True):
     packets: list[Packet]
     source: list[str]
 
+    @property
+    def sequence(self) -> list[int]:
+        """The number of each packet in its stream."""
+        return [packet.sequence for packet in self.packets]
+
 
 def delivery(step: int, round_: int, packets: list[Packet]) -> Delivery:
     """Return the packets of an inbox as they are."""

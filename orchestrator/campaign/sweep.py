@@ -31,6 +31,7 @@ from orchestrator.topology.problems import Problem
 if TYPE_CHECKING:
     import pyarrow as pa
 
+TRIAL_TIMEOUT_S = 3600.0
 _FORMAT = 1
 
 
@@ -47,6 +48,7 @@ class Request:
     workers: int = 1
     dask: str | None = None
     twins: bool = False
+    trial_timeout_s: float = TRIAL_TIMEOUT_S
 
 
 class Workers(Protocol):
@@ -173,7 +175,7 @@ def _workers(campaign: Campaign, log_dir: Path) -> AbstractContextManager[Worker
 
         return DaskWorkers(request.dask)
     modules = {name for own in campaign.variants for name in kind_modules(own.topology.plan)}
-    return LocalWorkers(request.workers, modules, log_dir)
+    return LocalWorkers(request.workers, modules, log_dir, request.trial_timeout_s)
 
 
 def _failed(answer: bytes) -> int:

@@ -54,7 +54,7 @@ def run_trial(plan: Plan, logged: Topology, trial: int) -> tuple[list[Row], Tria
     gatherer = Gatherer(here.plan)
     stamps: list[float] = []
     try:
-        run_carried(own, _noting_steps(gatherer, stamps), gatherer.take_delivery, _WINDOW)
+        run_carried(own, _noting_steps(gatherer, stamps), gatherer.take, _WINDOW)
         rows = gathered_rows(here, gatherer.finish())
     except Exception as error:
         print(f"{own.name}, trial {trial}:", file=sys.stderr)
@@ -66,15 +66,12 @@ def run_trial(plan: Plan, logged: Topology, trial: int) -> tuple[list[Row], Tria
 
 def _noting_steps(gatherer: Gatherer, stamps: list[float]) -> Callable[[str, Message], None]:
     """Return a sink that gathers every message and notes when each step begins."""
-    takers, clock = gatherer.takers, time.perf_counter
+    gather, clock = gatherer.take, time.perf_counter
 
     def take(topic: str, message: Message) -> None:
-        kind = type(message)
-        if kind is Truth:
+        if type(message) is Truth:
             stamps.append(clock())
-        known = takers.get(kind)
-        if known is not None:
-            known(topic, message)
+        gather(topic, message)
 
     return take
 

@@ -62,6 +62,6 @@ def _refuse_external(topology: Topology) -> None:
     external = [own.name for own in plan.estimators if external_command(plan, own.name) is not None]
     if external:
         raise InputError(
-            f"{topology.path}: {', '.join(external)} run a command of their own, and a campaign runs each "
-            "trial in one process; repeat 'gauntlet run' for them"
+            f"{topology.path}: {', '.join(external)} cannot be swept: a trial runs in one process, and a "
+            "program of your own does not; repeat 'gauntlet run' instead"
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from orchestrator.campaign.summary import Figure, Summary
 
 _PLAIN_EVERY_S = 30.0
-_PLAIN_WIDTH = 140
+_PLAIN_WIDTH = 160
 _MESSAGES_SHOWN = 3
 _SHORT = {
     "nees.ratio": "NEES",
@@ -121,33 +121,60 @@ def sweep_console() -> Console:
 
 
 def print_summary(summary: Summary, console: Console) -> None:
-    """Print the table of variants and estimators, and what went wrong."""
-    from rich import box
-    from rich.table import Table
+    """Print the table of variants and estimators, and what went wrong.
+
+    Where the console is too narrow for the intervals they are left out.
+    """
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    table.add_column("estimator", no_wrap=True)
     errors = [name for name in summary.metrics if name.startswith("rmse.")]
     others = [name for name in summary.metrics if name in _SHORT]
-    for name in (*errors, *others):
-        heading = _SHORT.get(name, name.removeprefix("rmse."))
-        table.add_column(heading, justify="right", no_wrap=True)
+    rows = _rows(summary, errors, others, _with_interval)
+    title = "RMSE by state group: medians over trials with 95 % intervals; other figures: medians"
+    if sum(_widths(rows)) + 2 * len(rows[0]) > console.width:
+        rows = _rows(summary, errors, others, _shown)
+        title = "RMSE by state group, and other figures: medians over trials"
+    widths = _widths(rows)
+    console.print(Text(title, style="bold"))
+    for row in rows:
+        if len(row) == 1:
+            console.print(Text(row[0], style="bold"), soft_wrap=True)
+        else:
+            cells = [row[0].ljust(widths[0])] + [
+                cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)
+            ]
+            console.print(Text("  ".join(cells).rstrip()), soft_wrap=True)
+    messages = list(dict.fromkeys(message for tally in summary.tallies for message in tally.messages))
+    for message in messages[:_MESSAGES_SHOWN]:
+        console.print(Text(f"failed: {message}", style="red"), soft_wrap=True)
+    if len(messages) > _MESSAGES_SHOWN:
+        console.print(Text(f"and {len(messages) - _MESSAGES_SHOWN} other reasons"))
+
+
+def _rows(
+    summary: Summary,
+    errors: Sequence[str],
+    others: Sequence[str],
+    error_cell: Callable[[Figure | None], str],
+) -> list[list[str]]:
+    """Return the cells of the table; a row of one cell is the heading of a variant."""
+    headings = [_SHORT.get(name, name.removeprefix("rmse.")) for name in (*errors, *others)]
+    rows = [["estimator", *headings]]
     for tally in summary.tallies:
         settings = ", ".join(f"{path}={value}" for path, value in tally.settings.items())
         heading = f"{tally.variant}: {settings}" if settings else "all trials"
         failed = f", {tally.failed} FAILED" if tally.failed else ""
-        table.add_row(Text(f"{heading}  ({tally.passed} of {tally.trials} passed{failed})", style="bold"))
-        for line in summary.lines:
-            if line.variant == tally.variant:
-                figures = [_with_interval(line.figures.get(name)) for name in errors]
-                figures += [_shown(line.figures.get(name)) for name in others]
-                table.add_row(f"  {line.who}", *figures)
-    title = "RMSE by state group: medians over trials with 95 % intervals; other figures: medians"
-    console.print(Text(title, style="bold"))
-    console.print(table)
-    messages = list(dict.fromkeys(message for tally in summary.tallies for message in tally.messages))
-    for message in messages[:_MESSAGES_SHOWN]:
-        console.print(Text(f"failed: {message}", style="red"))
-    if len(messages) > _MESSAGES_SHOWN:
-        console.print(Text(f"and {len(messages) - _MESSAGES_SHOWN} other reasons"))
+        rows.append([f"{heading}  ({tally.passed} of {tally.trials} passed{failed})"])
+        rows += [
+            [f"  {line.who}"]
+            + [error_cell(line.figures.get(name)) for name in errors]
+            + [_shown(line.figures.get(name)) for name in others]
+            for line in summary.lines
+            if line.variant == tally.variant
+        ]
+    return rows
+
+
+def _widths(rows: Sequence[Sequence[str]]) -> list[int]:
+    """Return the width of each column, headings of variants aside."""
+    return [max(map(len, column)) for column in zip(*(row for row in rows if len(row) > 1), strict=True)]

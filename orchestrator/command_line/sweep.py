@@ -75,13 +75,18 @@ def sweep(
         ),
     ] = None,
     dask: DaskAddress = None,
+    trial_timeout: Annotated[
+        float,
+        typer.Option(metavar="S", help="Give up a trial that takes a worker longer than this (s).", min=0.1),
+    ] = 3600.0,
     json: Json = False,
 ) -> None:
     """Run a topology in many trials, and in variants; keep every figure of every trial in one file."""
     from orchestrator.campaign.sweep import Request, prepare
 
     given = tuple(overrides or ())
-    request = Request(file, trials, first_trial, given, seed, out, jobs or cpus(), dask, twin)
+    cores = jobs or cpus()
+    request = Request(file, trials, first_trial, given, seed, out, cores, dask, twin, trial_timeout)
     done = carry_out(prepare(request), json=json)
     if json:
         print_json(done.facts())

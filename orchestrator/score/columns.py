@@ -72,44 +72,25 @@ def integers(column: array[int]) -> Ints:
 
 
 class Payloads:
-    """The payloads of all inboxes, end to end: their norms are wanted only where a packet was injected."""
+    """The payloads of inboxes, end to end."""
 
     def __init__(self) -> None:
-        self.inboxes = array("q")  # two numbers each: step, packets
         self._sizes, self._values = array("q"), array("d")
-        self._loose: list[Inbox | Delivery] = []
 
     def take(self, message: Inbox | Delivery) -> None:
-        """Take an inbox that is not empty."""
-        self.inboxes.extend((message.step, len(message.source)))
-        self._loose.append(message)
-        if len(self._loose) >= MOST_LOOSE:
-            self._pack()
-
-    def _pack(self) -> None:
-        """Pack values, which takes time that most runs need not spend, into less memory."""
-        for message in self._loose:
-            if isinstance(message, Delivery):
-                for packet in message.packets:
-                    self._sizes.append(packet.values.size)
-                    self._values.extend(packet.values.tolist())
-            else:
-                ends = (*message.offset[1:], len(message.values))
-                self._sizes.extend(map(operator.sub, ends, message.offset))
-                self._values.extend(message.values)
-        self._loose.clear()
-
-    def steps(self) -> Ints:
-        """Return the step of every packet."""
-        step, packets = integers(self.inboxes).reshape(-1, 2).T
-        return np.repeat(step, packets)
+        """Take those of one inbox."""
+        if isinstance(message, Delivery):
+            for packet in message.packets:
+                self._sizes.append(packet.values.size)
+                self._values.extend(packet.values.tolist())
+        else:
+            ends = (*message.offset[1:], len(message.values))
+            self._sizes.extend(map(operator.sub, ends, message.offset))
+            self._values.extend(message.values)
 
     def norms(self, wanted: Bools) -> Floats:
-        """Return the Euclidean norm of each packet's payload that is wanted; NaN of the others."""
+        """Return the Euclidean norm of each payload that is wanted, NaN for the others."""
         norms = np.full(wanted.size, np.nan)
-        if not wanted.any():
-            return norms
-        self._pack()
         end = np.cumsum(integers(self._sizes))
         begin = end - integers(self._sizes)
         values, largest = self._values, sys.float_info.max

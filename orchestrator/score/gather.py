@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import dataclass, fields, replace
+from itertools import accumulate, chain
 from typing import Any
 
 import numpy as np
@@ -115,7 +115,7 @@ class Gatherer:
         self.estimators = _Index({estimator.name: i for i, estimator in enumerate(plan.estimators)})
         self.links = _Index({link.name: i for i, link in enumerate(plan.links)})
         self.stages = _Index({stage.label: i for i, stage in enumerate(plan.stages)})
-        self.known: dict[tuple[str, ...], array[int]] = {}
+        self.inboxes: list[tuple[str, Inbox | Delivery]] = []
         self.payloads = Payloads()
         self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
@@ -138,16 +138,17 @@ class Gatherer:
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.triggered = frozenset(plan.triggered)
         self.said_sent: dict[str, tuple[int, float]] = {}
-        self.takers: dict[type[Message], Callable[[str, Any], None]] = {
+        self.takers: dict[type[Message | Delivery], Callable[[str, Any], None]] = {
             Truth: self._take_truth,
             Estimate: self._take_estimate,
             Inbox: self._take_inbox,
+            Delivery: self._take_inbox,
             ChannelEvents: self._take_events,
             Transmission: self._take_transmission,
         }
 
-    def take(self, topic: str, message: Message) -> None:
-        """Take a message; what no score needs is passed over."""
+    def take(self, topic: str, message: Message | Delivery) -> None:
+        """Take a message, or an inbox in the form of its packets; what no score needs is passed over."""
         take = self.takers.get(type(message))
         if take is not None:
             take(topic, message)
@@ -204,54 +205,48 @@ class Gatherer:
         rows.value.extend([value for _, own in judging for value in own.detector_statistic])
         self.loose.clear()
 
-    def _take_inbox(self, topic: str, message: Inbox) -> None:
+    def _take_inbox(self, topic: str, message: Inbox | Delivery) -> None:
         if message.source:
-            links = self._links_of(topic, message)
-            self.deliveries.link.extend(links)
-            self.deliveries.sequence.extend(message.sequence)
-            self.payloads.take(message)
-            self.measurements.take_inbox(topic, message, links)
             self.false_data.take_inbox(topic, message)
+            self.inboxes.append((topic, message))
+            if len(self.inboxes) >= MOST_LOOSE:
+                self._pack_inboxes(with_values=True)
 
-    def take_delivery(self, topic: str, delivered: Delivery) -> None:
-        """Take an inbox in the form of its packets."""
-        packets = delivered.packets
-        if packets:
-            links = self._links_of(topic, delivered)
-            self.deliveries.link.extend(links)
-            self.deliveries.sequence.extend([packet.sequence for packet in packets])
-            self.payloads.take(delivered)
-            self.measurements.take_inbox(topic, delivered, links)
-            self.false_data.take_inbox(topic, delivered)
+    def _pack_inboxes(self, *, with_values: bool) -> None:
+        """Pack what inboxes say of many at once; values take long, and only injections ask for them."""
+        held = [message for _, message in self.inboxes]
+        rows = self.deliveries
+        links = self._links()
+        rows.link.extend(links)
+        rows.step.extend([message.step for message in held for _ in message.source])
+        rows.sequence.extend(chain.from_iterable([message.sequence for message in held]))
+        ends = accumulate(len(message.source) for message in held)
+        for (topic, message), end in zip(self.inboxes, ends, strict=True):
+            self.measurements.take_inbox(topic, message, links[end - len(message.source) : end])
+        if with_values:
+            for message in held:
+                self.payloads.take(message)
+        self.inboxes.clear()
 
-    def _links_of(self, topic: str, message: Inbox | Delivery) -> array[int]:
-        """Return the link of each packet of an inbox, `_REFUSED` for those that are not let in."""
-        place = (topic, *message.source)
-        links = self.known.get(place)
-        if links is None:
-            links = self.known[place] = self._links_into(topic, message.source)
-        return links or self._let_in(topic, message)
+    def _links(self) -> Sequence[int]:
+        """Return the link of every packet of the loose inboxes, `_REFUSED` for those that are not let in."""
+        incoming = {topic: self.incoming[topic.split("/")[1]] for topic, _ in self.inboxes}
+        if not self.plan.integrity and not self.told:
+            links = [incoming[topic][source] for topic, message in self.inboxes for source in message.source]
+            if min(links, default=0) >= 0:
+                return links
+        return [link for topic, message in self.inboxes for link in self._let_in(topic, message)]
 
-    def _links_into(self, topic: str, sources: Sequence[str]) -> array[int]:
-        """Return the links from some sources into an inbox; none when each packet must be looked at."""
-        incoming = self.incoming[topic.split("/")[1]]
-        if topic in self.told or self.plan.integrity or not incoming.keys() >= set(sources):
-            return array("q")
-        return array("q", map(incoming.__getitem__, sources))
-
-    def _let_in(self, topic: str, message: Inbox | Delivery) -> array[int]:
-        """Return the links of an inbox's packets, `_REFUSED` for those that the receiver does not let in."""
+    def _let_in(self, topic: str, message: Inbox | Delivery) -> list[int]:
+        """Return the links of one inbox's packets, each looked at by itself."""
         node, phase = topic.split("/")[1:3]
         gate, incoming = self.gates.get((node, phase)), self.incoming[node]
-        return array(
-            "q",
-            [
-                incoming[packet.source]
-                if packet.kind != ORACLE and (gate is None or gate.admits(packet))
-                else _REFUSED
-                for packet in packets_of_inbox(message)
-            ],
-        )
+        return [
+            incoming[packet.source]
+            if packet.kind != ORACLE and (gate is None or gate.admits(packet))
+            else _REFUSED
+            for packet in packets_of_inbox(message)
+        ]
 
     def _take_events(self, topic: str, message: ChannelEvents) -> None:
         place = topic, message.round
@@ -364,13 +359,13 @@ class Gatherer:
 
     def _delivered(self) -> Packets:
         """Return the deliveries; a norm is told where an injection has the packet's receiver and number."""
-        rows = self.deliveries
-        link, sequence = integers(rows.link), integers(rows.sequence)
-        let_in = link != _REFUSED
-        false, mark = {*self.injections.sequence}, np.zeros(link.size, dtype=bool)
-        wanted = let_in & np.isin(sequence, list(false)) if false else mark
-        columns = link, self.payloads.steps(), sequence, mark, np.full(link.size, -1)
-        return Packets(*(column[let_in] for column in (*columns, self.payloads.norms(wanted))))
+        self._pack_inboxes(with_values=bool(self.injections.link))
+        rows = self.deliveries.packets()
+        let_in = rows.link != _REFUSED
+        if self.injections.link:
+            wanted = let_in & np.isin(rows.sequence, list({*self.injections.sequence}))
+            rows = replace(rows, value=self.payloads.norms(wanted))
+        return Packets(*(getattr(rows, field.name)[let_in] for field in fields(rows)))
 
     def _sent(self) -> Ints:
         """Return the slots with a packet by sender and step; one link of a sender tells for its stream."""

@@ -243,6 +243,15 @@ def test_a_trial_that_kills_its_worker_is_tried_twice_and_recorded_as_failed(hom
     assert set(failed["message"].to_pylist()) == {"its worker was ended twice by SIGKILL (out of memory?)"}
 
 
+def test_a_trial_that_hangs_is_given_up_and_the_others_are_not(home: Home) -> None:
+    moody = "estimators.e1={method: ./moody.py:Moody, temper: hang}"
+    out, heard = home.sweep("out", 4, moody, workers=2, trial_timeout_s=4.0)
+    rows = table_of(out)
+    failed = rows.filter(pc.equal(rows["status"], "failed"))
+    assert 0 < failed.num_rows == heard.failed < 4
+    assert set(failed["message"].to_pylist()) == {"it took longer than 4 s, twice; see --trial-timeout"}
+
+
 def test_ctrl_c_leaves_what_can_go_on_and_no_process(home: Home) -> None:
     arguments = ["sweep", "small.yaml", "--trials", "400", "-j", "2", "--out", "out"]
     process = subprocess.Popen(
