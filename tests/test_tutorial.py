@@ -79,4 +79,4 @@ def test_every_command_of_the_tutorial_does_what_the_page_says(tmp_path: Path) -
         elif language == "console":
             follow(tmp_path, text)
             commands += text.count("$ ")
-    assert commands >= 5
+    assert commands >= 10
