@@ -30,15 +30,31 @@ def build_sensor(plan: Plan, name: str, plant: Plant) -> Sensor:
 
 def build_estimator(plan: Plan, own: EstimatorPlan, plant: Plant, sensors: Mapping[str, Sensor]) -> Estimator:
     """Construct an estimator, told of the plant, of the sensors it listens to and of its neighbours."""
+    kind = load_class(own.kind.reference)
     setting = Setting(
         name=own.name,
         plant=plant,
         sensors={name: sensors[name] for name in own.sensors},
         neighbours=dict(own.neighbours),
         rng=random_stream(plan.seed, plan.trial, own.name, "estimator"),
+        neighbour_sensors=_sensors_of_neighbours(plan, own, plant) if asks_for_sensors(kind) else {},
     )
-    estimator: Estimator = load_class(own.kind.reference)(setting, **own.kind.parameters)
+    estimator: Estimator = kind(setting, **own.kind.parameters)
     return estimator
+
+
+def asks_for_sensors(kind: type) -> bool:
+    """Return whether a kind of estimator asks for the models of its neighbours' sensors."""
+    return bool(getattr(kind, "knows_neighbours_sensors", False))
+
+
+def _sensors_of_neighbours(plan: Plan, own: EstimatorPlan, plant: Plant) -> dict[str, dict[str, Sensor]]:
+    """Construct the models of the sensors that each neighbour listens to."""
+    return {
+        other.name: {name: build_sensor(plan, name, plant) for name in other.sensors}
+        for other in plan.estimators
+        if other.name in own.neighbours
+    }
 
 
 def build_controller(plan: Plan, own: ControllerPlan, plant: Plant) -> Controller:

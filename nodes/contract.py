@@ -7,7 +7,7 @@ Matrices keep the names of the literature: ``A`` (n, n) dynamics, ``Q`` (n, n) p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import msgspec
@@ -158,6 +158,11 @@ class Setting:
     """Its own random stream."""
     told_attacks: bool = False
     """Whether the topology grants it the truth about the attacks on its measurements, as `ORACLE` packets."""
+    neighbour_sensors: Mapping[str, Mapping[str, Sensor]] = field(default_factory=dict)
+    """By neighbour, the models of the sensors that it listens to; empty unless the kind asks for them.
+
+    A kind asks by the class attribute ``knows_neighbours_sensors = True``.
+    """
 
 
 class Detection(msgspec.Struct, frozen=True):

@@ -31,6 +31,7 @@ Role = Literal[
 ROLES: tuple[Role, ...] = get_args(Role)
 
 _GENERATORS = "orchestrator.topology.graph_generators"
+_EVENT_TRIGGERED = "nodes.estimators.event_triggered_extended_kalman"
 _DATA_ASSOCIATION = "nodes.estimators.probabilistic_data_association"
 
 BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
@@ -43,6 +44,7 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "linear_benchmark": "nodes.plants.linear_benchmark:LinearBenchmark",
                 "swing_network": "nodes.plants.swing_network:SwingNetwork",
                 "ieee14": "nodes.plants.ieee14:Ieee14",
+                "planar_robot": "nodes.plants.planar_robot:PlanarRobot",
             }
         ),
         "sensors": MappingProxyType(
@@ -51,6 +53,7 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "student_t": "nodes.sensors.student_t:StudentT",
                 "tank_outflow": "nodes.sensors.tank_outflow:TankOutflow",
                 "innovation": "nodes.sensors.innovation:Innovation",
+                "ceiling_camera": "nodes.sensors.ceiling_camera:CeilingCamera",
             }
         ),
         "estimators": MappingProxyType(
@@ -69,6 +72,8 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "jise": "nodes.estimators.jise:Jise",
                 "imm": "nodes.estimators.imm:Imm",
                 "probabilistic_data_association": f"{_DATA_ASSOCIATION}:ProbabilisticDataAssociation",
+                "event_triggered_extended_kalman": f"{_EVENT_TRIGGERED}:EventTriggeredExtendedKalman",
+                "dead_reckoning": "nodes.estimators.dead_reckoning:DeadReckoning",
                 "external": "nodes.estimators.external:External",
             }
         ),

@@ -10,6 +10,7 @@ import numpy as np
 
 from bus.random_streams import random_stream
 from channel.contract import Placement
+from nodes.build import asks_for_sensors
 from nodes.contract import ControlledPlant, ControllerSetting, Estimator, Plant, Sensor, Setting
 from nodes.signal_attack import Signal
 from orchestrator.topology.draft import CheckedKind, Draft
@@ -88,16 +89,22 @@ class EstimatorBuilder:
     def build(self, name: str, neighbours: Mapping[str, float]) -> Estimator | None:
         """Return an estimator, None when its class refuses."""
         checked = self._kinds[name]
+        asks = asks_for_sensors(checked.found.type)
         setting = Setting(
             name=name,
             plant=self._plant,
-            sensors={sensor: self._sensors[sensor] for sensor in self._listens[name]},
+            sensors=self._heard_by(name),
             neighbours=dict(sorted(neighbours.items())),
             rng=random_stream(self._draft.sections["seed"], self._draft.sections["trial"], name, "estimator"),
+            neighbour_sensors={other: self._heard_by(other) for other in neighbours} if asks else {},
         )
         what = f"estimator {checked.found.short_name}"
         path = ("estimators", name)
         return _tried(self._draft, path, what, lambda: checked.found.type(setting, **checked.parameters))
+
+    def _heard_by(self, name: str) -> dict[str, Sensor]:
+        """Return the models of the sensors that an estimator listens to."""
+        return {sensor: self._sensors[sensor] for sensor in self._listens[name]}
 
     def rounds(self, name: str, neighbours: Mapping[str, float]) -> int:
         """Return the exchange rounds of an estimator with these neighbours; 0 when it cannot tell (noted)."""

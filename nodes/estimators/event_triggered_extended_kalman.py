@@ -1,0 +1,270 @@
+"""Event-triggered distributed extended Kalman filtering under deception (Zhou, Zhang, Wang 2020)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Ge, Lt
+
+from bus.packets import Packet, Vector
+from nodes.contract import Belief, Matrix, NonlinearPlant, NonlinearSensor, Setting
+from nodes.estimators.arrivals import measurements
+from nodes.estimators.dead_reckoning import start
+from nodes.estimators.gain_knowledge import Deception, Design, Local, Shares
+from nodes.estimators.gain_lmi import Lmi
+from nodes.estimators.gain_riccati import Riccati
+from nodes.estimators.innovation_exchange import QUIET, SENT, UNMEASURED, Heard, Layout, Memory
+from nodes.estimators.nonlinear_gaussian import nonlinear_plant, nonlinear_sensors
+from nodes.gaussian import Gaussian
+from nodes.remainders import BoundedPlant, bank_of
+
+_NO_ERROR = Gaussian(std=0.0)
+
+
+@dataclass(frozen=True)
+class GainDesign:
+    """How the gains are chosen: exactly one of two families, and its variant.
+
+    Parameters
+    ----------
+    riccati
+        In closed form: ``nominal``, ``adversarial`` or ``residual`` (`nodes.estimators.gain_riccati`).
+    lmi
+        By a semidefinite program in each step: ``nominal``, ``moment`` or ``sector``
+        (`nodes.estimators.gain_lmi`). It needs the extra ``lmi``.
+    """
+
+    riccati: Literal["nominal", "adversarial", "residual"] | None = None
+    lmi: Literal["nominal", "moment", "sector"] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no choice; raises ValueError."""
+        if (self.riccati is None) == (self.lmi is None):
+            raise ValueError("give exactly one of 'riccati' and 'lmi'")
+
+
+_RICCATI = GainDesign(riccati="nominal")
+
+
+class EventTriggeredExtendedKalman:
+    """A distributed extended Kalman predictor whose nodes exchange innovations when they differ.
+
+    Each node compares its measurement, which may be falsified, with its own prediction: ``z_i = y~_i -
+    h_i(x^_i)`` (6). It sends it when ``|z_i - z_i^s|^2 > sigma |Psi_i|^2`` (8), where ``z^s`` are the
+    innovations that were last sent and ``Psi_i = sum_j (z_j^s - z_i^s)``; the first one always. Then
+    ``x^_i+ = f(x^_i) + K_i z_i^s + C_i Psi_i`` (9). A slot carries ``x^_i``, its bound ``P_i``, whether
+    ``z_i`` was sent, and either ``z_i`` or the bound ``sigma |Psi_i|^2`` of what was not said. The estimate
+    that is published in step k refers to k + 1.
+
+    The gains come from a design of the node's own; see docs/zhou2020.md for which of their bounds hold. The
+    published covariance is ``P`` of a design that bounds the second moment, and ``P / n`` of one that bounds
+    the error by an ellipsoid ``e' P^-1 e <= 1``: in both cases an error outside its bound has a NEES above n.
+
+    A lost measurement, and lost packets of neighbours, leave out what can no longer be known: see
+    `nodes.estimators.innovation_exchange`.
+
+    Parameters
+    ----------
+    setting
+        A plant with a transition and its Jacobian, exactly one sensor of the same sort, and neighbours that
+        have one each, all with as many outputs. Plant and sensors that bound the remainder of their
+        linearisation (`nodes.remainders`) are believed; others are taken as linear.
+    sigma
+        Threshold of the trigger; 0 sends in every step.
+    assumed_attack
+        What the design assumes of the attack on measurements; none when not given.
+    design
+        How the gains are chosen.
+    process_noise
+        Law of the process noise that the design assumes, by default the plant's own.
+    initial
+        Law of the initial error that the design assumes (its mean does not count), by default the plant's own
+        with ``start_error`` added.
+    start_error
+        Law of an error that the node adds to the plant's initial mean, drawn for itself; none by default.
+    size_weights
+        How much each state component counts in the size of the bound that ``lmi`` makes small; 1 by default.
+
+    Raises
+    ------
+    ValueError
+        When the setting or a parameter is not as described, or the extra that ``lmi`` needs is missing.
+    """
+
+    listens: ClassVar[Literal["paired", "all"]] = "paired"
+    knows_neighbours_sensors: ClassVar[bool] = True
+    rounds = 1
+
+    def __init__(
+        self,
+        setting: Setting,
+        *,
+        sigma: Annotated[float, Ge(0.0), Lt(1.0)],
+        assumed_attack: Deception | None = None,
+        design: GainDesign = _RICCATI,
+        process_noise: Gaussian | None = None,
+        initial: Gaussian | None = None,
+        start_error: Gaussian = _NO_ERROR,
+        size_weights: list[float] | None = None,
+    ) -> None:
+        self._plant = nonlinear_plant(setting)
+        sensors = _sensors(setting)
+        self._source, self._sensor = next(iter(setting.sensors)), sensors[0]
+        n, self._m = len(setting.plant.initial_mean), len(self._sensor.R)
+        self._bank = bank_of(sensors)
+        self._noise = np.array([sensor.R for sensor in sensors])
+        self._place = {name: 1 + i for i, name in enumerate(sorted(setting.neighbours))}
+        self._linearisation = _Linearisation(self._plant)
+        Q = self._plant.Q if process_noise is None else process_noise.covariance_matrix(n)
+        shares = Shares.of(assumed_attack, self._m)
+        weights = _size_weights(size_weights, n)
+        self._design = _design(design, shares, Q, len(sensors), weights)
+        self._layout = Layout(n, self._m)
+        self._memory = Memory(self._layout, setting.neighbours)
+        self._sigma = sigma
+        self._state, added = start(setting, start_error)
+        prior = setting.plant.initial_covariance + added if initial is None else initial.covariance_matrix(n)
+        if np.linalg.eigvalsh(prior)[0] <= 0.0:
+            raise ValueError(f"{setting.name}: the initial law is singular; give 'initial' a positive std")
+        self._bound: Matrix = prior
+        self._innovation: Vector | None = None
+        self._last: Vector | None = None
+        self._slack = 0.0
+        self._sent = self._heard = 0
+
+    def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
+        """Take the innovation of this step's measurement, and decide on sending it."""
+        current = measurements(step, packets, {self._source: self._m})
+        if not current:
+            self._innovation = self._last = None
+            self._sent, self._slack = 0, 0.0
+            return self._layout.payload(self._state, self._bound, UNMEASURED, 0.0, None)
+        self._innovation = current[-1].values - self._sensor.measure(self._state[None])[0]
+        self._slack = self._threshold()
+        self._sent = int(self._triggers())
+        if self._sent:
+            self._last, self._slack = self._innovation, 0.0
+            return self._layout.payload(self._state, self._bound, SENT, 0.0, self._innovation)
+        return self._layout.payload(self._state, self._bound, QUIET, self._slack, None)
+
+    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
+        """Choose the gains, and predict the next state by innovations of the node and its neighbours."""
+        heard = self._memory.take(step, packets)
+        self._heard = len(heard.names)
+        local = self._local(heard)
+        gains = self._design.gains(local)
+        own = np.zeros(self._m) if self._last is None else self._last
+        disagreement = heard.innovations.sum(axis=0) - local.neighbours * own
+        both = np.concatenate((own, disagreement))
+        self._state = self._plant.transition(self._state[None])[0] + gains.matrix.dot(both)
+        self._bound = gains.bound
+        return None
+
+    def estimate(self, step: int) -> Belief:
+        """Return the prediction of the next state, with its bound as covariance.
+
+        Diagnostics: ``sent`` (0 or 1), ``neighbours_heard``, ``bound_guaranteed`` (0 or 1), and of a design
+        that solves programs ``solver_failures``, those so far that were replaced by gains in closed form.
+        """
+        design = self._design
+        diagnostics = {
+            "sent": float(self._sent),
+            "neighbours_heard": float(self._heard),
+            "bound_guaranteed": float(design.guaranteed),
+        }
+        covariance = self._bound
+        if design.ellipsoidal:
+            covariance = covariance / len(covariance)
+            diagnostics["solver_failures"] = float(design.failures)
+        return Belief(self._state, covariance, refers_to=step + 1, diagnostics=diagnostics)
+
+    def _threshold(self) -> float:
+        """Return ``sigma |Psi_i|^2`` of the innovations that were last sent (8)."""
+        last = self._last
+        if last is None or not self._memory.innovations:
+            return 0.0
+        disagreement = sum(self._memory.innovations.values()) - len(self._memory.innovations) * last
+        return self._sigma * float(disagreement.dot(disagreement))
+
+    def _triggers(self) -> bool:
+        """Return whether the innovation has to be sent (8); the first one always."""
+        if self._last is None or self._innovation is None:
+            return True
+        difference = self._innovation - self._last
+        return float(difference.dot(difference)) > self._slack
+
+    def _local(self, heard: Heard) -> Local:
+        """Return what the node knows in this step of itself and of the neighbours that it heard."""
+        states = np.concatenate((self._state[None], heard.states))
+        covariances = np.concatenate((self._bound[None], heard.bounds))
+        which = [0, *(self._place[name] for name in heard.names)]
+        F, remainder, directions, driver = self._linearisation.at(self._state, self._bound)
+        values, slopes, remainders = self._bank.linearised(which, states, covariances)
+        return Local(
+            F,
+            remainder,
+            directions,
+            driver,
+            values,
+            slopes,
+            remainders,
+            self._noise[which],
+            self._state - states,
+            covariances,
+            np.concatenate(([self._slack], heard.slacks)),
+            self._last is not None,
+        )
+
+
+class _Linearisation:
+    """The plant's derivative, and the bound of what it leaves out: nothing for a plant that does not tell."""
+
+    def __init__(self, plant: NonlinearPlant) -> None:
+        n = len(plant.initial_mean)
+        self._plant = plant
+        self._bounded = plant if isinstance(plant, BoundedPlant) else None
+        self._directions: Matrix = (
+            np.zeros((n, 1)) if self._bounded is None else self._bounded.remainder_directions
+        )
+        self._driver: Vector = np.eye(n)[-1] if self._bounded is None else self._bounded.remainder_driver
+
+    def at(self, state: Vector, bound: Matrix) -> tuple[Matrix, float, Matrix, Vector]:
+        """Return ``F``, ``U``, ``B`` and ``d`` at an estimate (n,) with bound (n, n)."""
+        remainder = 0.0 if self._bounded is None else self._bounded.remainder_bound(state, bound)
+        return self._plant.jacobian(state), remainder, self._directions, self._driver
+
+
+def _sensors(setting: Setting) -> list[NonlinearSensor]:
+    """Return the node's own sensor and those of its neighbours, in the order of their names."""
+    owners = {setting.name: setting.sensors, **dict(sorted(setting.neighbour_sensors.items()))}
+    missing = [name for name in setting.neighbours if name not in owners]
+    if missing:
+        raise ValueError(f"{setting.name}: the sensors of {', '.join(missing)} are not known")
+    found: list[NonlinearSensor] = []
+    for name, sensors in owners.items():
+        if len(sensors) != 1:
+            raise ValueError(f"{name} listens to {len(sensors)} sensors; give it exactly one")
+        found += nonlinear_sensors(replace(setting, name=name, sensors=sensors)).values()
+    outputs = {len(sensor.R) for sensor in found}
+    if len(outputs) > 1:
+        raise ValueError(
+            f"{setting.name}: its sensor and its neighbours' have {sorted(outputs)} outputs; "
+            "innovations can be compared only when they have as many"
+        )
+    return found
+
+
+def _size_weights(given: list[float] | None, states: int) -> Vector:
+    weights = np.ones(states) if given is None else np.array(given, dtype=np.float64)
+    if weights.shape != (states,) or not np.all(weights > 0.0):
+        raise ValueError(f"size_weights is {given}; give {states} positive numbers")
+    return weights
+
+
+def _design(choice: GainDesign, shares: Shares, Q: Matrix, members: int, weights: Vector) -> Design:
+    if choice.lmi is not None:
+        return Lmi(shares, Q, variant=choice.lmi, members=members, weights=weights)
+    return Riccati(shares, Q, variant=choice.riccati or "nominal")

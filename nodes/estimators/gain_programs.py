@@ -1,0 +1,269 @@
+"""The semidefinite programs that the gains of a distributed filter come from, built once for each size.
+
+Everything that changes from step to step is a parameter, and enters affinely (disciplined parametrised
+programming), so a program is compiled once and then only solved anew. No solve knows of another: gains depend
+on the parameters alone. Variables are scaled: the error by the factor of its covariance, the next error by
+what it would be without measurements.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from nodes.contract import Matrix
+
+Solver = Literal["CLARABEL", "SCS"]
+
+SLACK = -1e-8
+"""Least eigenvalue that the matrix inequalities of a solution may have."""
+MARGIN = 1e-7
+"""Least eigenvalue that the programs ask for: more than solvers are short of."""
+
+
+def require_solvers() -> None:
+    """Raise ValueError unless what solves the programs is installed."""
+    missing = [name for name in ("cvxpy", "clarabel") if find_spec(name) is None]
+    if missing:
+        raise ValueError(
+            f"design family 'lmi' needs {' and '.join(missing)}: pip install 'gauntlet[lmi]', "
+            "or use the family 'riccati'"
+        )
+
+
+def _cvxpy() -> Any:
+    """Return cvxpy, which takes a second to import and may not be installed."""
+    return import_module("cvxpy")
+
+
+class Sizes(NamedTuple):
+    """``states`` n, ``outputs`` m, ``drift`` q (components of the plant's remainder), ``members`` M."""
+
+    states: int
+    outputs: int
+    drift: int
+    members: int
+
+
+class Solution(NamedTuple):
+    """Scaled gains (n, 2 m) and bound (n, n), the bound's ``cost``, and the least eigenvalue ``slack``."""
+
+    gains: Matrix
+    bound: Matrix
+    cost: float
+    slack: float
+
+
+class Program:
+    """One compiled program.
+
+    Parameters
+    ----------
+    parts
+        Its ``parameters`` by name, the variables ``gains`` and ``bound``, the ``inequalities`` (matrices that
+        are to be positive semidefinite), the other ``constraints`` and the ``cost``.
+    """
+
+    def __init__(self, parts: Mapping[str, Any]) -> None:
+        cp = _cvxpy()
+        self.parameters: dict[str, Any] = parts["parameters"]
+        self._gains, self._bound = parts["gains"], parts["bound"]
+        self._inequalities = parts["inequalities"]
+        constraints = [
+            inequality >> MARGIN * np.eye(inequality.shape[0]) for inequality in self._inequalities
+        ]
+        self.problem = cp.Problem(cp.Minimize(parts["cost"]), constraints + parts["constraints"])
+
+    def solve(self, values: Mapping[str, np.ndarray], solver: Solver = "CLARABEL") -> Solution | None:
+        """Return the solution for parameters, None when there is none that can be relied on."""
+        cp = _cvxpy()
+        for name, value in values.items():
+            self.parameters[name].value = value
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # of low accuracy: the slack tells
+                self.problem.solve(solver=solver, warm_start=False, **_OPTIONS[solver])
+        except (cp.SolverError, ArithmeticError):
+            return None
+        if self.problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+            return None
+        slack = min(
+            float(np.linalg.eigvalsh(0.5 * (value + value.T))[0])
+            for value in (inequality.value for inequality in self._inequalities)
+        )
+        return Solution(np.array(self._gains.value), np.array(self._bound.value), self.problem.value, slack)
+
+
+_OPTIONS: dict[Solver, dict[str, Any]] = {
+    "CLARABEL": {"max_threads": 1},
+    "SCS": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 200_000},
+}
+
+
+@lru_cache(maxsize=32)
+def nominal_program(sizes: Sizes) -> Program:
+    """Return the program without cross terms, whose size does not depend on the number of neighbours.
+
+    Parameters: ``F`` (n, n), ``H`` (2 m, n), ``drift`` (n, q), ``driver`` (n, n), ``S`` (2 m, 2 m), ``Q`` (n,
+    n), ``weights`` (n,); ``S`` and ``Q`` are roots.
+    """
+    cp = _cvxpy()
+    n, m2, q = sizes.states, 2 * sizes.outputs, sizes.drift
+    F, Q = cp.Parameter((n, n)), cp.Parameter((n, n))
+    H, S = cp.Parameter((m2, n)), cp.Parameter((m2, m2))
+    drift, driver = cp.Parameter((n, q)), cp.Parameter((n, n))
+    weights = cp.Parameter(n, nonneg=True)
+    bound, gains = cp.Variable((n, n), symmetric=True), cp.Variable((n, m2))
+    own, remainder = cp.Variable(nonneg=True), cp.Variable(nonneg=True)
+    noise, process = cp.Variable((m2, m2), symmetric=True), cp.Variable((n, n), symmetric=True)
+    error = F - gains @ H
+    inequalities = [
+        cp.bmat(
+            [
+                [bound, error, drift],
+                [error.T, own * np.eye(n) - remainder * driver, np.zeros((n, q))],
+                [drift.T, np.zeros((q, n)), remainder * np.eye(q)],
+            ]
+        ),
+        cp.bmat([[bound, gains @ S], [(gains @ S).T, noise]]),
+        cp.bmat([[bound, Q], [Q.T, process]]),
+    ]
+    return Program(
+        {
+            "parameters": {
+                "F": F,
+                "Q": Q,
+                "H": H,
+                "S": S,
+                "drift": drift,
+                "driver": driver,
+                "weights": weights,
+            },
+            "gains": gains,
+            "bound": bound,
+            "inequalities": inequalities,
+            "constraints": [own + cp.trace(noise) + cp.trace(process) <= 1.0],
+            "cost": weights @ cp.diag(bound),
+        }
+    )
+
+
+class Columns:
+    """Where what a bounded error is made of stands: 1, e, w, a, and by member b, v, the value, [phi], f."""
+
+    def __init__(self, sizes: Sizes, *, sector: bool) -> None:
+        n, block = sizes.states, sizes.members * sizes.outputs
+        names = ("remainder", "noise", "value", *(("sector",) if sector else ()), "trigger")
+        self.one, self.error, self.process = slice(0, 1), slice(1, 1 + n), slice(1 + n, 1 + 2 * n)
+        begin = 1 + 2 * n + sizes.drift
+        self.drift = slice(1 + 2 * n, begin)
+        self.by_member = {
+            name: slice(begin + i * block, begin + (i + 1) * block) for i, name in enumerate(names)
+        }
+        self.total = begin + len(names) * block
+
+    def of(self, name: str, member: int, outputs: int) -> slice:
+        """Return the place of one member's part."""
+        begin = self.by_member[name].start + member * outputs
+        return slice(begin, begin + outputs)
+
+    def picked(self, *places: slice) -> Matrix:
+        """Return the matrix (size, total) that picks places out of all columns."""
+        return np.concatenate([np.eye(self.total)[place] for place in places])
+
+
+def _ball_diagonals(sizes: Sizes, columns: Columns) -> Matrix:
+    """Return the diagonal (total, balls) that each ball's multiplier has, with -1 in its first entry.
+
+    Balls: the error, the process noise, by member the noise, by channel the value, by member the trigger.
+    """
+    M, m = sizes.members, sizes.outputs
+    places = [columns.error, columns.process]
+    places += [columns.of("noise", j, m) for j in range(M)]
+    begin = columns.by_member["value"].start
+    places += [slice(begin + s, begin + s + 1) for s in range(M * m)]
+    places += [columns.of("trigger", j, m) for j in range(M)]
+    diagonals = np.zeros((columns.total, len(places)))
+    diagonals[0] = -1.0
+    for i, place in enumerate(places):
+        diagonals[place, i] = 1.0
+    return diagonals
+
+
+def _remainder_diagonals(sizes: Sizes, columns: Columns) -> Matrix:
+    """Return the diagonal (total, 1 + M) of the remainders' multipliers: the plant's, then by member."""
+    diagonals = np.zeros((columns.total, 1 + sizes.members))
+    diagonals[columns.drift, 0] = 1.0
+    for j in range(sizes.members):
+        diagonals[columns.of("remainder", j, sizes.outputs), 1 + j] = 1.0
+    return diagonals
+
+
+@lru_cache(maxsize=32)
+def bounded_program(sizes: Sizes, *, sector: bool) -> Program:
+    """Return the program of the S-procedure over everything that is bounded: sector or moment variant.
+
+    Parameters: ``open`` (n, total) and ``let_in`` (2 m, total), with which the next error is ``(open + gains
+    let_in) zeta``; ``driven`` ((1 + n)^2, 1 + M), the squares of what drives each remainder; ``weights``
+    (n,). Sector: ``sectors`` (M m, total), the linear forms that each phi lies between zero and. Moment:
+    ``residuals`` ((1 + n + 3 m)^2, M m) squares of what each share multiplies, and ``channels`` (2 m, M m).
+    """
+    cp = _cvxpy()
+    n, m, M = sizes.states, sizes.outputs, sizes.members
+    columns = Columns(sizes, sector=sector)
+    opened, let_in = cp.Parameter((n, columns.total)), cp.Parameter((2 * m, columns.total))
+    driven = cp.Parameter(((1 + n) ** 2, 1 + M))
+    weights = cp.Parameter(n, nonneg=True)
+    parameters = {"open": opened, "let_in": let_in, "driven": driven, "weights": weights}
+    bound, gains = cp.Variable((n, n), symmetric=True), cp.Variable((n, 2 * m))
+    balls = cp.Variable(2 + 2 * M + M * m, nonneg=True)
+    remainders = cp.Variable(1 + M, nonneg=True)
+    channels = cp.Variable(M * m, nonneg=True)
+    first = np.eye(columns.total)[0]
+    diagonal = first + _ball_diagonals(sizes, columns) @ balls
+    diagonal += _remainder_diagonals(sizes, columns) @ remainders
+    head = columns.picked(columns.one, columns.error)
+    lam = -head.T @ cp.reshape(driven @ remainders, (1 + n, 1 + n), order="C") @ head
+    inequalities = []
+    if sector:
+        forms = parameters["sectors"] = cp.Parameter((M * m, columns.total))
+        picked = columns.picked(columns.by_member["sector"])
+        diagonal += picked.T @ channels
+        crossed = picked.T @ cp.multiply(
+            cp.reshape(channels, (M * m, 1), order="C") @ np.ones((1, columns.total)), forms
+        )
+        lam -= 0.5 * (crossed + crossed.T)
+    else:
+        size = 1 + n + 3 * m
+        squares = parameters["residuals"] = cp.Parameter((size**2, M * m))
+        entries = parameters["channels"] = cp.Parameter((2 * m, M * m))
+        for j in range(M):
+            own = slice(j * m, (j + 1) * m)
+            places = [columns.of(name, j, m) for name in ("remainder", "noise", "value")]
+            picked = columns.picked(columns.one, columns.error, *places)
+            lam -= picked.T @ cp.reshape(squares[:, own] @ channels[own], (size, size), order="C") @ picked
+        spread = gains @ entries
+        for s in range(M * m):
+            column = cp.reshape(spread[:, s], (n, 1), order="C")
+            inequalities.append(
+                cp.bmat([[bound, column], [column.T, cp.reshape(channels[s], (1, 1), order="C")]])
+            )
+    lam += cp.diag(diagonal)
+    error = opened + gains @ let_in
+    inequalities.insert(0, cp.bmat([[bound, error], [error.T, lam]]))
+    return Program(
+        {
+            "parameters": parameters,
+            "gains": gains,
+            "bound": bound,
+            "inequalities": inequalities,
+            "constraints": [],
+            "cost": weights @ cp.diag(bound),
+        }
+    )

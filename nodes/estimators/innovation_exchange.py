@@ -1,0 +1,112 @@
+"""What nodes of an event-triggered distributed filter tell one another, and what they remember of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from bus.packets import Packet, Vector
+from nodes.contract import Matrix
+
+SENT, QUIET, UNMEASURED = 1.0, 0.0, -1.0
+
+
+class Layout:
+    """How a payload is laid out: estimate (n), upper triangle of its bound, flag, slack, innovation (m).
+
+    The flag is `SENT`, `QUIET` or `UNMEASURED`; the innovation is there when it is `SENT`. The slack is the
+    largest that the trigger let ``f' f`` become, 0 when it did not have to.
+    """
+
+    def __init__(self, states: int, outputs: int) -> None:
+        self.states, self.outputs = states, outputs
+        self._upper = np.triu_indices(states)
+        self._triangle = slice(states, states + len(self._upper[0]))
+        self.flag = self._triangle.stop
+        self.quiet = self.flag + 2
+        self.full = self.quiet + outputs
+
+    def payload(self, state: Vector, bound: Matrix, flag: float, slack: float, sent: Vector | None) -> Vector:
+        """Return the payload of one slot."""
+        parts = [state, bound[self._upper], np.array([flag, slack])]
+        return np.concatenate(parts if sent is None else [*parts, sent])
+
+    def fits(self, values: Vector) -> bool:
+        """Return whether a payload can be one of this method."""
+        size = self.full if values.size > self.flag and values[self.flag] == SENT else self.quiet
+        return values.size == size and values[self.flag + 1] >= 0.0
+
+    def read(self, payloads: Sequence[Vector]) -> tuple[Matrix, np.ndarray, Vector]:
+        """Return states (M, n), bounds (M, n, n) and slacks (M,) of payloads."""
+        fixed = np.array([values[: self.quiet] for values in payloads])
+        bounds = np.empty((len(fixed), self.states, self.states))
+        rows, columns = self._upper
+        bounds[:, rows, columns] = bounds[:, columns, rows] = fixed[:, self._triangle]
+        return np.ascontiguousarray(fixed[:, : self.states]), bounds, fixed[:, self.flag + 1]
+
+    def sent(self, values: Vector) -> Vector:
+        """Return the innovation of a payload that holds one."""
+        return values[self.quiet :]
+
+
+class Heard(NamedTuple):
+    """The neighbours that can be used in a step: their names, states, bounds, slacks, last innovations."""
+
+    names: tuple[str, ...]
+    states: Matrix
+    bounds: np.ndarray
+    slacks: Vector
+    innovations: Matrix
+
+
+class Memory:
+    """The innovation that each neighbour last sent, as far as the node has it.
+
+    When a packet is lost, the node cannot know whether the neighbour has sent another: it forgets it, and the
+    neighbour is left out until it sends again. So is a neighbour that lacks a measurement, and one whose
+    payload is malformed (a bound that is not positive definite, for one).
+    """
+
+    def __init__(self, layout: Layout, neighbours: Iterable[str]) -> None:
+        self._layout = layout
+        self._neighbours = sorted(neighbours)
+        self._last: dict[str, Vector] = {}
+
+    @property
+    def innovations(self) -> Mapping[str, Vector]:
+        """The innovations (m,) that count, by neighbour."""
+        return self._last
+
+    def take(self, step: int, packets: Sequence[Packet]) -> Heard:
+        """Take the neighbours' slots of a step; of several packets from one of them the last counts."""
+        layout = self._layout
+        arrived = {p.source: p.values for p in packets if p.sent_step == step and layout.fits(p.values)}
+        for name in self._neighbours:
+            values = arrived.get(name)
+            if values is None or values[layout.flag] == UNMEASURED:
+                self._last.pop(name, None)
+            elif values[layout.flag] == SENT:
+                self._last[name] = layout.sent(values)
+        names = [name for name in self._neighbours if name in self._last]
+        if not names:
+            return self._none()
+        heard = self._heard(names, arrived)
+        try:
+            np.linalg.cholesky(heard.bounds)
+        except np.linalg.LinAlgError:
+            for name, bound in zip(names, heard.bounds, strict=True):
+                if np.linalg.eigvalsh(bound)[0] <= 0.0:
+                    del self._last[name]
+            names = [name for name in names if name in self._last]
+            return self._heard(names, arrived) if names else self._none()
+        return heard
+
+    def _heard(self, names: Sequence[str], arrived: Mapping[str, Vector]) -> Heard:
+        read = self._layout.read([arrived[name] for name in names])
+        return Heard(tuple(names), *read, np.array([self._last[name] for name in names]))
+
+    def _none(self) -> Heard:
+        n, m = self._layout.states, self._layout.outputs
+        return Heard((), np.zeros((0, n)), np.zeros((0, n, n)), np.zeros(0), np.zeros((0, m)))
