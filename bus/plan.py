@@ -31,17 +31,19 @@ class PlantPlan:
 
 @dataclass(frozen=True)
 class SensorPlan:
-    """A sensor node."""
+    """A sensor node; ``send`` is the kind of its event trigger, None when it always sends."""
 
     name: str
     kind: Kind
+    send: Kind | None = None
 
 
 @dataclass(frozen=True)
 class EstimatorPlan:
     """An estimator node: the sensors it hears, and its in-neighbours with their weights ``h_ij``, sorted.
 
-    ``controllers`` tell it the inputs that they command.
+    ``controllers`` tell it the inputs that they command. ``send`` is the kind of its event trigger, None when
+    it always sends.
     """
 
     name: str
@@ -50,6 +52,7 @@ class EstimatorPlan:
     neighbours: Mapping[str, float]
     rounds: int
     controllers: tuple[str, ...] = ()
+    send: Kind | None = None
 
 
 @dataclass(frozen=True)
@@ -170,6 +173,12 @@ class Plan:
     def watched(self) -> tuple[str, ...]:
         """The nodes that triggers of the channel watch, sorted."""
         return tuple(sorted({stage.timing.watches for stage in self.stages if stage.timing.watches}))
+
+    @property
+    def triggered(self) -> tuple[str, ...]:
+        """The nodes with an event trigger: sensors, then estimators."""
+        sensors = tuple(sensor.name for sensor in self.sensors if sensor.send is not None)
+        return sensors + tuple(own.name for own in self.estimators if own.send is not None)
 
     @functools.cached_property
     def _silent_from(self) -> dict[str, int]:

@@ -7,12 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from bus.kinds import load_class
-from bus.plan import ControllerPlan, EstimatorPlan, Plan
+from bus.plan import ControllerPlan, EstimatorPlan, Plan, SensorPlan
 from bus.program import Port, Program
 from bus.random_streams import random_stream
-from nodes.contract import Controller, ControllerSetting, Estimator, Plant, Sensor, Setting
+from nodes.contract import Controller, ControllerSetting, Estimator, Plant, Sensor, Setting, Trigger
 from nodes.estimator_program import estimator_program
 from nodes.programs import controller_program, plant_program, sensor_program
+from nodes.triggers.contract import TriggerSetting
 
 
 def build_plant(plan: Plan) -> Plant:
@@ -38,6 +39,13 @@ def build_estimator(plan: Plan, own: EstimatorPlan, plant: Plant, sensors: Mappi
         neighbours=dict(own.neighbours),
         rng=random_stream(plan.seed, plan.trial, own.name, "estimator"),
         neighbour_sensors=_sensors_of_neighbours(plan, own, plant) if asks_for_sensors(kind) else {},
+        trigger=build_trigger(plan, own, plant) if takes_trigger(own) else None,
+        sensor_triggers={
+            sensor.name: trigger
+            for sensor in plan.sensors
+            if sensor.name in sensors
+            and (trigger := build_trigger(plan, sensor, plant, sensors[sensor.name], heard_by=own.name))
+        },
     )
     estimator: Estimator = kind(setting, **own.kind.parameters)
     return estimator
@@ -55,6 +63,27 @@ def _sensors_of_neighbours(plan: Plan, own: EstimatorPlan, plant: Plant) -> dict
         for other in plan.estimators
         if other.name in own.neighbours
     }
+
+
+def takes_trigger(own: EstimatorPlan) -> bool:
+    """Return whether a method asks the node's event trigger itself."""
+    return bool(getattr(load_class(own.kind.reference), "takes_trigger", False))
+
+
+def build_trigger(
+    plan: Plan,
+    own: SensorPlan | EstimatorPlan,
+    plant: Plant,
+    sensor: Sensor | None = None,
+    heard_by: str = "",
+) -> Trigger | None:
+    """Construct a node's event trigger, or the copy of it that who hears the node has; None without one."""
+    if own.send is None:
+        return None
+    name, purpose = (heard_by, f"trigger/{own.name}") if heard_by else (own.name, "trigger")
+    setting = TriggerSetting(own.name, plant, sensor, random_stream(plan.seed, plan.trial, name, purpose))
+    trigger: Trigger = load_class(own.send.reference)(setting, **own.send.parameters)
+    return trigger
 
 
 def build_controller(plan: Plan, own: ControllerPlan, plant: Plant) -> Controller:
@@ -75,11 +104,15 @@ def node_program(port: Port, plan: Plan, name: str, window: int) -> Program:
     if name == plan.plant.name:
         return plant_program(port, plan, plant, window, stream("initial_state"), stream("process_noise"))
     if any(sensor.name == name for sensor in plan.sensors):
-        return sensor_program(port, plan, name, build_sensor(plan, name, plant), stream("measurement_noise"))
+        (sensing,) = (sensor for sensor in plan.sensors if sensor.name == name)
+        sensor = build_sensor(plan, name, plant)
+        trigger = build_trigger(plan, sensing, plant, sensor)
+        return sensor_program(port, plan, name, sensor, stream("measurement_noise"), trigger)
     for commanding in plan.controllers:
         if commanding.name == name:
             return controller_program(port, plan, commanding, build_controller(plan, commanding, plant))
     (own,) = (estimator for estimator in plan.estimators if estimator.name == name)
     sensors = {heard: build_sensor(plan, heard, plant) for heard in own.sensors}
     estimator = build_estimator(plan, own, plant, sensors)
-    return estimator_program(port, plan, own, estimator, plant.initial_mean.size, window)
+    trigger = None if takes_trigger(own) else build_trigger(plan, own, plant)
+    return estimator_program(port, plan, own, estimator, plant.initial_mean.size, window, trigger)

@@ -143,6 +143,17 @@ class LikelihoodSensor(Sensor, Protocol):
         ...
 
 
+class Trigger(Protocol):
+    """An event trigger. A kind is constructed as ``Kind(setting, **parameters)``; see `nodes.triggers`."""
+
+    def sends(self, step: int, values: Vector, reference: Vector | None = None) -> bool:
+        """Return whether the values (m,) are sent, and remember what was; asked once a slot, in order.
+
+        ``reference`` is what some kinds compare with, where the method knows it better than the trigger.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class Setting:
     """What an estimator is told of the world: models, never states."""
@@ -163,6 +174,11 @@ class Setting:
 
     A kind asks by the class attribute ``knows_neighbours_sensors = True``.
     """
+    trigger: Trigger | None = None
+    """Its own event trigger, for a method whose class says ``takes_trigger = True``: it asks the trigger
+    itself. That of any other method acts on its payloads, behind its back."""
+    sensor_triggers: Mapping[str, Trigger] = field(default_factory=dict)
+    """Copies of the event triggers of the sensors that it listens to, by node name."""
 
 
 class Detection(msgspec.Struct, frozen=True):
@@ -196,7 +212,9 @@ class Estimator(Protocol):
     """An estimator. A kind is constructed as ``Kind(setting, **parameters)``.
 
     Each step calls, in order: `correct` once, `exchange` ``rounds`` times, `estimate` once. A payload that is
-    returned goes to all neighbours through the channel; None is a quiet slot. Payloads are (m,) arrays whose
+    returned goes to all neighbours through the channel, if the node's event trigger lets it; None is a quiet
+    slot. A method with ``takes_trigger = True`` asks the trigger itself, may fill a slot all the same, and
+    says in the diagnostic ``sent`` which share of the step's events was sent. Payloads are (m,) arrays whose
     layout is the method's own. A lost packet is simply not in ``packets``.
     """
 

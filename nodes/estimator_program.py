@@ -14,7 +14,7 @@ from bus.messages import Estimate, Inbox
 from bus.packets import Packet, packets_of_inbox, transmission
 from bus.plan import EstimatorPlan, Plan
 from bus.program import Port, Program, every_step
-from nodes.contract import Belief, Estimator
+from nodes.contract import Belief, Estimator, Trigger
 from nodes.programs import Pace, is_finite, sealed, watch
 
 _log = logging.getLogger("gauntlet.node")
@@ -115,9 +115,18 @@ def _estimate_message(step: int, t: float, belief: Belief, refused: int) -> Esti
 
 
 def estimator_program(
-    port: Port, plan: Plan, own: EstimatorPlan, estimator: Estimator, state_size: int, window: int
+    port: Port,
+    plan: Plan,
+    own: EstimatorPlan,
+    estimator: Estimator,
+    state_size: int,
+    window: int,
+    trigger: Trigger | None = None,
 ) -> Program:
-    """Correct, exchange and publish the estimate of every step; without a sensor, as credits allow."""
+    """Correct, exchange and publish the estimate of every step; without a sensor, as credits allow.
+
+    The event trigger keeps back payloads; what the neighbours get is then a quiet slot.
+    """
     inbox_topic = keys.rx(own.name, keys.CORRECT)
     exchange_topic = keys.rx(own.name, keys.EXCHANGE)
     outgoing_topic = keys.tx(own.name, keys.EXCHANGE)
@@ -156,6 +165,8 @@ def estimator_program(
         payload = guard.payload(step, None, packets)
         for round_ in range(own.rounds):
             if is_heard:
+                if payload is not None and trigger is not None and not trigger.sends(step, np.array(payload)):
+                    payload = None
                 number = step * own.rounds + round_
                 seal = check(step, number, payload)
                 port.send(outgoing_topic, transmission(step, t, round_, number, payload, seal))

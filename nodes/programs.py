@@ -13,7 +13,7 @@ from bus.messages import Credit, Estimate, Inbox, Truth
 from bus.packets import UNSEALED, Packet, Vector, packets_of_inbox, transmission
 from bus.plan import ControllerPlan, Plan
 from bus.program import Port, Program, every_step
-from nodes.contract import Controller, Plant, Sensor
+from nodes.contract import Controller, Plant, Sensor, Trigger
 from nodes.signal_attack import SignalAttacks
 
 
@@ -138,8 +138,15 @@ def sealed(plan: Plan, name: str, stream: str) -> Callable[[int, int, list[float
     return check
 
 
-def sensor_program(port: Port, plan: Plan, name: str, sensor: Sensor, noise: np.random.Generator) -> Program:
-    """Measure the truth of every step and send it."""
+def sensor_program(
+    port: Port,
+    plan: Plan,
+    name: str,
+    sensor: Sensor,
+    noise: np.random.Generator,
+    trigger: Trigger | None = None,
+) -> Program:
+    """Measure the truth of every step and send it, when the event trigger lets it."""
     truth_topic = keys.truth(plan.plant.name)
     topic = keys.tx(name, keys.MEASUREMENT)
     signals = SignalAttacks(plan)
@@ -149,7 +156,9 @@ def sensor_program(port: Port, plan: Plan, name: str, sensor: Sensor, noise: np.
         truth: Truth = yield truth_topic
         entering = {"attack": signals.at(step)} if signals.exist else {}
         measured = sensor.observe(step, np.array(truth.state), noise, **entering)
-        values = _finite(measured, "the measurement")
+        values: list[float] | None = _finite(measured, "the measurement")
+        if trigger is not None and not trigger.sends(step, measured):
+            values = None
         port.send(topic, transmission(step, truth.t, 0, step, values, check(step, step, values)))
 
     return every_step(name, plan.silent_from(name), one_step)

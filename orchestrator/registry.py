@@ -27,11 +27,14 @@ Role = Literal[
     "signals",
     "faults",
     "schedules",
+    "triggers",
 ]
 ROLES: tuple[Role, ...] = get_args(Role)
 
 _GENERATORS = "orchestrator.topology.graph_generators"
-_EVENT_TRIGGERED = "nodes.estimators.event_triggered_extended_kalman"
+_ESTIMATORS = "nodes.estimators"
+_EVENT_TRIGGERED = f"{_ESTIMATORS}.event_triggered_extended_kalman"
+_TRIGGERS = "nodes.triggers"
 _DATA_ASSOCIATION = "nodes.estimators.probabilistic_data_association"
 
 BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
@@ -69,6 +72,7 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "secure_distributed": "nodes.estimators.secure_distributed:SecureDistributed",
                 "fixed_gain_consensus": "nodes.estimators.fixed_gain_consensus:FixedGainConsensus",
                 "hybrid_bernoulli": "nodes.estimators.hybrid_bernoulli:HybridBernoulli",
+                "event_triggered_kalman": f"{_ESTIMATORS}.event_triggered_kalman:EventTriggeredKalman",
                 "jise": "nodes.estimators.jise:Jise",
                 "imm": "nodes.estimators.imm:Imm",
                 "probabilistic_data_association": f"{_DATA_ASSOCIATION}:ProbabilisticDataAssociation",
@@ -140,6 +144,15 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "markov": "bus.schedules:MarkovSchedule",
                 "state_crosses": "bus.schedules:StateCrosses",
                 "alarm": "bus.schedules:Alarm",
+            }
+        ),
+        "triggers": MappingProxyType(
+            {
+                "periodic": "nodes.triggers.periodic:Periodic",
+                "send_on_delta": "nodes.triggers.send_on_delta:SendOnDelta",
+                "relative": "nodes.triggers.relative:Relative",
+                "deterministic_innovation": f"{_TRIGGERS}.deterministic_innovation:DeterministicInnovation",
+                "stochastic_innovation": f"{_TRIGGERS}.stochastic_innovation:StochasticInnovation",
             }
         ),
     }

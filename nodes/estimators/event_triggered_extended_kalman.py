@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge, Lt
 
 from bus.packets import Packet, Vector
 from nodes.contract import Belief, Matrix, NonlinearPlant, NonlinearSensor, Setting
@@ -20,6 +19,7 @@ from nodes.estimators.innovation_exchange import QUIET, SENT, UNMEASURED, Heard,
 from nodes.estimators.nonlinear_gaussian import nonlinear_plant, nonlinear_sensors
 from nodes.gaussian import Gaussian
 from nodes.remainders import BoundedPlant, bank_of
+from nodes.triggers.relative import Relative
 
 _NO_ERROR = Gaussian(std=0.0)
 
@@ -53,11 +53,12 @@ class EventTriggeredExtendedKalman:
     """A distributed extended Kalman predictor whose nodes exchange innovations when they differ.
 
     Each node compares its measurement, which may be falsified, with its own prediction: ``z_i = y~_i -
-    h_i(x^_i)`` (6). It sends it when ``|z_i - z_i^s|^2 > sigma |Psi_i|^2`` (8), where ``z^s`` are the
-    innovations that were last sent and ``Psi_i = sum_j (z_j^s - z_i^s)``; the first one always. Then
-    ``x^_i+ = f(x^_i) + K_i z_i^s + C_i Psi_i`` (9). A slot carries ``x^_i``, its bound ``P_i``, whether
-    ``z_i`` was sent, and either ``z_i`` or the bound ``sigma |Psi_i|^2`` of what was not said. The estimate
-    that is published in step k refers to k + 1.
+    h_i(x^_i)`` (6). Its event trigger decides on sending it; that of the paper is ``relative``, whose reference
+    is ``Psi_i = sum_j (z_j^s - z_i^s)`` of the innovations that were last sent (8). Without a trigger each is
+    sent. Then ``x^_i+ = f(x^_i) + K_i z_i^s + C_i Psi_i`` (9). A slot carries ``x^_i``, its bound ``P_i``,
+    whether ``z_i`` was sent, and either ``z_i`` or the bound of what was not said: ``sigma Psi_i' Phi Psi_i``,
+    or with another trigger ``|z_i - z_i^s|^2`` itself. The estimate that is published in step k refers to
+    k + 1.
 
     The gains come from a design of the node's own; see docs/zhou2020.md for which of their bounds hold. The
     published covariance is ``P`` of a design that bounds the second moment, and ``P / n`` of one that bounds
@@ -70,10 +71,8 @@ class EventTriggeredExtendedKalman:
     ----------
     setting
         A plant with a transition and its Jacobian, exactly one sensor of the same sort, and neighbours that
-        have one each, all with as many outputs. Plant and sensors that bound the remainder of their
+        have one each, all with as many outputs; their triggers are taken to be the node's own. Plant and sensors that bound the remainder of their
         linearisation (`nodes.remainders`) are believed; others are taken as linear.
-    sigma
-        Threshold of the trigger; 0 sends in every step.
     assumed_attack
         What the design assumes of the attack on measurements; none when not given.
     design
@@ -96,13 +95,13 @@ class EventTriggeredExtendedKalman:
 
     listens: ClassVar[Literal["paired", "all"]] = "paired"
     knows_neighbours_sensors: ClassVar[bool] = True
+    takes_trigger: ClassVar[bool] = True
     rounds = 1
 
     def __init__(
         self,
         setting: Setting,
         *,
-        sigma: Annotated[float, Ge(0.0), Lt(1.0)],
         assumed_attack: Deception | None = None,
         design: GainDesign = _RICCATI,
         process_noise: Gaussian | None = None,
@@ -124,30 +123,33 @@ class EventTriggeredExtendedKalman:
         self._design = _design(design, shares, Q, len(sensors), weights)
         self._layout = Layout(n, self._m)
         self._memory = Memory(self._layout, setting.neighbours)
-        self._sigma = sigma
+        self._trigger = setting.trigger
+        self._relative = setting.trigger if isinstance(setting.trigger, Relative) else None
+        Phi = np.eye(self._m) if self._relative is None else self._relative.weight(self._m)
+        self._unsaid = np.linalg.inv(Phi)
         self._state, added = start(setting, start_error)
         prior = setting.plant.initial_covariance + added if initial is None else initial.covariance_matrix(n)
         if np.linalg.eigvalsh(prior)[0] <= 0.0:
             raise ValueError(f"{setting.name}: the initial law is singular; give 'initial' a positive std")
         self._bound: Matrix = prior
-        self._innovation: Vector | None = None
-        self._last: Vector | None = None
+        self._last: Vector = np.zeros(self._m)
         self._slack = 0.0
-        self._sent = self._heard = 0
+        self._heard = 0
+        self._measured = self._sent = False
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Take the innovation of this step's measurement, and decide on sending it."""
         current = measurements(step, packets, {self._source: self._m})
+        self._measured, self._sent, self._slack = bool(current), False, 0.0
         if not current:
-            self._innovation = self._last = None
-            self._sent, self._slack = 0, 0.0
             return self._layout.payload(self._state, self._bound, UNMEASURED, 0.0, None)
-        self._innovation = current[-1].values - self._sensor.measure(self._state[None])[0]
-        self._slack = self._threshold()
-        self._sent = int(self._triggers())
+        innovation = current[-1].values - self._sensor.measure(self._state[None])[0]
+        disagreement = self._disagreement()
+        self._sent = self._trigger is None or self._trigger.sends(step, innovation, disagreement)
         if self._sent:
-            self._last, self._slack = self._innovation, 0.0
-            return self._layout.payload(self._state, self._bound, SENT, 0.0, self._innovation)
+            self._last = innovation
+            return self._layout.payload(self._state, self._bound, SENT, 0.0, innovation)
+        self._slack = self._unheard(innovation, disagreement)
         return self._layout.payload(self._state, self._bound, QUIET, self._slack, None)
 
     def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
@@ -156,9 +158,8 @@ class EventTriggeredExtendedKalman:
         self._heard = len(heard.names)
         local = self._local(heard)
         gains = self._design.gains(local)
-        own = np.zeros(self._m) if self._last is None else self._last
-        disagreement = heard.innovations.sum(axis=0) - local.neighbours * own
-        both = np.concatenate((own, disagreement))
+        own = self._last if self._measured else np.zeros(self._m)
+        both = np.concatenate((own, heard.innovations.sum(axis=0) - local.neighbours * own))
         self._state = self._plant.transition(self._state[None])[0] + gains.matrix.dot(both)
         self._bound = gains.bound
         return None
@@ -181,20 +182,18 @@ class EventTriggeredExtendedKalman:
             diagnostics["solver_failures"] = float(design.failures)
         return Belief(self._state, covariance, refers_to=step + 1, diagnostics=diagnostics)
 
-    def _threshold(self) -> float:
-        """Return ``sigma |Psi_i|^2`` of the innovations that were last sent (8)."""
-        last = self._last
-        if last is None or not self._memory.innovations:
-            return 0.0
-        disagreement = sum(self._memory.innovations.values()) - len(self._memory.innovations) * last
-        return self._sigma * float(disagreement.dot(disagreement))
+    def _disagreement(self) -> Vector:
+        """Return ``Psi_i`` (m,) of the innovations that were last sent."""
+        others = self._memory.innovations.values()
+        disagreement: Vector = sum(others, -len(others) * self._last)
+        return disagreement
 
-    def _triggers(self) -> bool:
-        """Return whether the innovation has to be sent (8); the first one always."""
-        if self._last is None or self._innovation is None:
-            return True
-        difference = self._innovation - self._last
-        return float(difference.dot(difference)) > self._slack
+    def _unheard(self, innovation: Vector, disagreement: Vector) -> float:
+        """Return what ``f' Phi f`` stays below, for an innovation that was not sent."""
+        if self._relative is not None:
+            return self._relative.bound(disagreement)
+        difference = innovation - self._last
+        return float(difference.dot(difference))
 
     def _local(self, heard: Heard) -> Local:
         """Return what the node knows in this step of itself and of the neighbours that it heard."""
@@ -215,7 +214,8 @@ class EventTriggeredExtendedKalman:
             self._state - states,
             covariances,
             np.concatenate(([self._slack], heard.slacks)),
-            self._last is not None,
+            self._unsaid,
+            self._measured,
         )
 
 

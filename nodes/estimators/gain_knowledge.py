@@ -75,8 +75,8 @@ class Local(NamedTuple):
     linearisation at its own estimate. By member: ``values`` (M, m) and ``slopes`` (M, m, n), the measurement
     and its derivative at the member's estimate; ``remainders`` (M,); ``noise`` (M, m, m), its ``R``;
     ``differences`` (M, n), its own estimate less the member's; ``covariances`` (M, n, n); ``slack`` (M,),
-    the bound of the trigger's error ``f' f``, 0 for one that has just sent. Without ``measured`` it lacks its
-    own innovation, and may only use the others'.
+    the bound of the trigger's error ``f' Phi f``, 0 for one that has just sent. ``unsaid`` (m, m) is
+    ``Phi^-1``. Without ``measured`` it lacks its own innovation, and may only use the others'.
     """
 
     F: Matrix
@@ -90,6 +90,7 @@ class Local(NamedTuple):
     differences: Matrix
     covariances: np.ndarray
     slack: Vector
+    unsaid: Matrix
     measured: bool
 
     @property

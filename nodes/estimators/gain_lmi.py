@@ -167,6 +167,7 @@ class Lmi:
         n, m = sizes.states, sizes.outputs
         opened, let_in = np.zeros((n, columns.total)), np.zeros((2 * m, columns.total))
         heading = float(np.sqrt(local.driver @ local.covariances[0] @ local.driver))
+        unsaid = np.linalg.cholesky(local.unsaid)
         opened[:, columns.error] = local.F @ factor
         opened[:, columns.process] = np.linalg.cholesky(PROCESS_RADIUS * self._Q)
         opened[:, columns.drift] = local.remainder * heading * local.directions
@@ -183,7 +184,7 @@ class Lmi:
             let_in[:, columns.error] -= selected @ form.error
             for name in ("remainder", "noise", "value"):
                 let_in[:, columns.of(name, j, m)] = -selected @ getattr(form, name)
-            let_in[:, columns.of("trigger", j, m)] = np.sqrt(local.slack[j]) * selected
+            let_in[:, columns.of("trigger", j, m)] = np.sqrt(local.slack[j]) * selected @ unsaid
         if sector:
             parameters["sectors"] = self._sectors(forms, columns, sizes, let_in)
         else:

@@ -94,7 +94,7 @@ def second_moments(local: Local, shares: Shares) -> Moments:
     unit = np.eye(m)
     remainder = (members * local.remainders**2 * spread)[:, None, None] * (unit * passed * passed)
     value = np.broadcast_to(2.0 * members * shares.value**2 * (unit * mean * mean), (members, m, m))
-    trigger = (members * local.slack)[:, None, None] * unit
+    trigger = (members * local.slack)[:, None, None] * local.unsaid
     known = stacked(shifts, local)
     return Moments(
         stacked(slopes, local),
@@ -116,7 +116,8 @@ def residual_moments(local: Local, shares: Shares) -> Moments:
     passed = 1.0 - mean
     noise = local.noise * (np.outer(passed, passed) + np.diag(variance))
     attacked = (variance + mean * mean) * (local.values**2 + shares.value**2 + _projected(local))
-    own = attacked + (local.remainders**2 * spread + 0.5 * local.slack)[:, None]
+    own = attacked + (local.remainders**2 * spread)[:, None]
+    noise = noise + (0.5 * local.slack)[:, None, None] * local.unsaid
     known, nothing = stacked(shifts, local), np.zeros((2 * m, 2 * m))
     return Moments(
         stacked(local.slopes, local),

@@ -17,7 +17,7 @@ class Layout:
     """How a payload is laid out: estimate (n), upper triangle of its bound, flag, slack, innovation (m).
 
     The flag is `SENT`, `QUIET` or `UNMEASURED`; the innovation is there when it is `SENT`. The slack is the
-    largest that the trigger let ``f' f`` become, 0 when it did not have to.
+    largest that ``f' Phi f`` can be of ``f``, the innovation less the one last sent; 0 when it is sent.
     """
 
     def __init__(self, states: int, outputs: int) -> None:
@@ -65,8 +65,8 @@ class Memory:
     """The innovation that each neighbour last sent, as far as the node has it.
 
     When a packet is lost, the node cannot know whether the neighbour has sent another: it forgets it, and the
-    neighbour is left out until it sends again. So is a neighbour that lacks a measurement, and one whose
-    payload is malformed (a bound that is not positive definite, for one).
+    neighbour is left out until it sends again. So is one whose payload is malformed (a bound that is not
+    positive definite, for one). A neighbour that lacks a measurement is left out of that step.
     """
 
     def __init__(self, layout: Layout, neighbours: Iterable[str]) -> None:
@@ -85,11 +85,12 @@ class Memory:
         arrived = {p.source: p.values for p in packets if p.sent_step == step and layout.fits(p.values)}
         for name in self._neighbours:
             values = arrived.get(name)
-            if values is None or values[layout.flag] == UNMEASURED:
+            if values is None:
                 self._last.pop(name, None)
             elif values[layout.flag] == SENT:
                 self._last[name] = layout.sent(values)
-        names = [name for name in self._neighbours if name in self._last]
+        names = [name for name in self._last if arrived[name][layout.flag] != UNMEASURED]
+        names.sort()
         if not names:
             return self._none()
         heard = self._heard(names, arrived)

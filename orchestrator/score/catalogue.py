@@ -19,7 +19,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-Scope = Literal["node", "network", "link", "window"]
+Scope = Literal["node", "network", "link", "window", "sender"]
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class Metric:
     meaning
         One line for people.
     scope
-        What one value belongs to: an estimator, a network of estimators, a set of links, or an attack window.
+        What one value belongs to: an estimator, a network of estimators, a set of links, an attack window, or
+        a node with an event trigger.
     total
         Whether an expectation without selector takes one value for the whole run.
     undefined
@@ -46,7 +47,7 @@ class Metric:
     @property
     def selectors(self) -> tuple[str, ...]:
         """What an expectation may name; where the scope is links, a node stands for those that enter it."""
-        return ("node",) if self.scope in ("node", "network") else ("link", "node")
+        return ("link", "node") if self.scope in ("link", "window") else ("node",)
 
     def __str__(self) -> str:
         """Return the meaning."""
@@ -112,6 +113,12 @@ METRICS: Mapping[str, Metric] = {
         "steps from the first genuine packet after a window to the first accepted one",
         "window",
         undefined="no attack met a detector",
+    ),
+    "sent_rate": Metric(
+        "share of its slots that a node with an event trigger used",
+        "sender",
+        total=True,
+        undefined="there is no event trigger",
     ),
     "packets.sent": Metric("packets sent", "link", total=True),
     "packets.lost": Metric("packets lost", "link", total=True),

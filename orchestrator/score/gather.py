@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from array import array
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress, pairwise
 from typing import Any
@@ -22,6 +22,9 @@ from orchestrator.errors import InputError
 
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
+
+SENT = "sent"
+"""The diagnostic by which a method that asks its event trigger itself says what share was sent."""
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -70,7 +73,10 @@ class Gathered:
     """A record as arrays. ``counts`` (8, L) holds by link the packets that `COUNTS` names.
 
     ``deliveries`` are the packets that receivers let in, each filed under the link from its source; an
-    injection stands under the link that it was made on, which may carry it in another node's name.
+    injection stands under the link that it was made on, which may carry it in another node's name. ``slots``
+    (L,) counts by link the slots that the channel passed. ``said_sent`` holds, by estimator whose method
+    fills its slots for other reasons too, how many of its estimates said what share of its events was sent,
+    and the sum of that.
     """
 
     truth_present: Bools
@@ -80,6 +86,8 @@ class Gathered:
     events: Packets
     injections: Packets
     counts: Ints
+    slots: Ints
+    said_sent: Mapping[str, tuple[int, float]]
 
 
 COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
@@ -139,6 +147,8 @@ class _Gatherer:
         self.counted_link = array("q")
         self.counted = tuple(array("q") for _ in COUNTS[:-1])
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
+        self.triggered = frozenset(plan.triggered)
+        self.said_sent: dict[str, tuple[int, float]] = {}
 
     def take_truth(self, topic: str, message: Truth) -> None:
         self.truth[message.step] = message.state
@@ -151,6 +161,10 @@ class _Gatherer:
         self.nis.append(message.nis)
         self.state.extend(message.state)
         self.covariance.extend(message.covariance)
+        if name in self.triggered and SENT in message.diagnostic_name:
+            share = message.diagnostic_value[message.diagnostic_name.index(SENT)]
+            said, total = self.said_sent.get(name, (0, 0.0))
+            self.said_sent[name] = said + 1, total + share
         if message.detector_source:
             incoming, rows = self.incoming[name], self.verdicts
             rows.link.extend(map(incoming.__getitem__, message.detector_source))
@@ -212,6 +226,8 @@ class _Gatherer:
             events=self.events.packets(),
             injections=self.injections.packets(),
             counts=self._counts(),
+            slots=np.bincount(_integers(self.counted_link), minlength=len(self.plan.links)),
+            said_sent=self.said_sent,
         )
 
     def _truth(self) -> Floats:

@@ -14,6 +14,7 @@ from orchestrator.score.results import (
     LinkScore,
     NodeScore,
     Score,
+    SenderScore,
     Traffic,
 )
 
@@ -151,6 +152,21 @@ def _network_values(score: Score, nodes: Collection[str]) -> list[Value]:
     ]
 
 
+def _sender_values(score: Score, nodes: Collection[str]) -> list[Value]:
+    """Return the share of slots that each named sender used, or all with an event trigger together."""
+    known = {sender.name: sender for sender in score.senders}
+    if nodes:
+        return [(name, _or_nan(known[name].rate) if name in known else math.nan) for name in nodes]
+    whole = pooled_senders(score)
+    return [(whole.name, _or_nan(whole.rate))]
+
+
+def pooled_senders(score: Score) -> SenderScore:
+    """Return all nodes with an event trigger as one."""
+    slots, sent = sum(one.slots for one in score.senders), sum(one.sent for one in score.senders)
+    return SenderScore.of("all event triggers", slots, sent)
+
+
 def measure(
     score: Score, name: str, metric: Metric, nodes: Collection[str] = (), links: Collection[str] = ()
 ) -> list[Value]:
@@ -163,6 +179,8 @@ def measure(
         return _node_values(score, name, metric, nodes)
     if metric.scope == "network":
         return _network_values(score, nodes)
+    if metric.scope == "sender":
+        return _sender_values(score, nodes)
     sets = _link_sets(score, nodes, links)
     if metric.scope == "link":
         return [(chosen.where, link_value(chosen, name)) for chosen in sets]

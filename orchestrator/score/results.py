@@ -219,6 +219,23 @@ class Traffic(Result, frozen=True, kw_only=True):
         )
 
 
+class SenderScore(Result, frozen=True, kw_only=True):
+    """A node with an event trigger: of its ``slots`` it filled, or its method called sent, so many.
+
+    ``rate`` is their share, None where it had no slot.
+    """
+
+    name: str
+    slots: int
+    sent: float
+    rate: float | None
+
+    @classmethod
+    def of(cls, name: str, slots: int, sent: float) -> SenderScore:
+        """Return the account of these counts, with its rate."""
+        return cls(name=name, slots=slots, sent=sent, rate=sent / slots if slots else None)
+
+
 class LinkScore(Result, frozen=True, kw_only=True):
     """One link. ``detector`` is None when no verdict was ever given on it."""
 
@@ -254,7 +271,7 @@ class Score(Result, frozen=True, kw_only=True):
     """The whole score of one run. ``complete`` says that every step of truth and of every estimator is there.
 
     ``passed`` says that the run is complete and every expectation held. ``unmatched_verdicts`` counts
-    verdicts on packets that the channel never delivered.
+    verdicts on packets that the channel never delivered. ``senders`` are the nodes with an event trigger.
     """
 
     name: str
@@ -274,6 +291,7 @@ class Score(Result, frozen=True, kw_only=True):
     windows: list[AttackWindow]
     lockouts: list[Lockout]
     expectations: list[Outcome]
+    senders: list[SenderScore] = []
 
     def to_json(self) -> bytes:
         """Return the canonical JSON: equal scores give equal bytes."""

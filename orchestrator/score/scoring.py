@@ -31,7 +31,7 @@ from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import Bools, Gathered, gather
 from orchestrator.score.judging import judge_expectations
 from orchestrator.score.results import LinkScore, NodeScore, Score, ScoreOptions
-from orchestrator.score.traffic import traffic
+from orchestrator.score.traffic import senders, traffic
 
 
 def _node_scores(
@@ -117,6 +117,7 @@ def _measured(
         windows=attack_windows(plan, judgement, options.detection_grace),
         lockouts=find_lockouts(plan, judgement, options.lockout_length),
         expectations=[],
+        senders=senders(plan, gathered),
     )
 
 

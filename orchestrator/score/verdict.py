@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.text import Text
 
 from orchestrator.score.judging import show
-from orchestrator.score.measure import expected_estimates
-from orchestrator.score.results import NodeScore, Outcome, Score
+from orchestrator.score.measure import expected_estimates, pooled_senders
+from orchestrator.score.results import NodeScore, Outcome, Score, SenderScore
 from orchestrator.score.verdict_tables import attack_table, estimator_tables
 
 TRACKING_RATIO = 2.0
@@ -211,6 +211,22 @@ def _packet_line(score: Score) -> str:
     )
 
 
+def _sender_line(score: Score) -> str | None:
+    whole = pooled_senders(score)
+    if whole.rate is None:
+        return None
+    ranked = sorted(
+        (sender for sender in score.senders if sender.rate is not None), key=lambda sender: sender.rate or 0.0
+    )
+    span = "" if len(ranked) == 1 else f", from {_use(ranked[0])} to {_use(ranked[-1])}"
+    senders = ranked[0].name if len(ranked) == 1 else _several(len(ranked), "sender")
+    return f"Event triggers: {senders} used {_percent(whole.rate)} of {whole.slots} slots{span}."
+
+
+def _use(sender: SenderScore) -> str:
+    return f"{sender.name} {_percent(sender.rate or 0.0)}"
+
+
 def _detector_line(score: Score) -> str | None:
     judged = score.detector
     if judged is None:
@@ -286,7 +302,7 @@ def print_verdict(
         console.print()
         console.print(attacks)
     console.print()
-    for line in (_packet_line(score), _detector_line(score)):
+    for line in (_packet_line(score), _sender_line(score), _detector_line(score)):
         if line is not None:
             console.print(Text(line))
     if score.expectations:

@@ -11,8 +11,9 @@ import numpy as np
 from bus.random_streams import random_stream
 from channel.contract import Placement
 from nodes.build import asks_for_sensors
-from nodes.contract import ControlledPlant, ControllerSetting, Estimator, Plant, Sensor, Setting
+from nodes.contract import ControlledPlant, ControllerSetting, Estimator, Plant, Sensor, Setting, Trigger
 from nodes.signal_attack import Signal
+from nodes.triggers.contract import TriggerSetting
 from orchestrator.topology.draft import CheckedKind, Draft
 from orchestrator.topology.placement import PlacedStage
 from orchestrator.topology.problems import PathKeys
@@ -21,7 +22,7 @@ from orchestrator.topology.stages import DeclaredStage
 T = TypeVar("T")
 
 
-def _tried(draft: Draft, path: PathKeys, what: str, build: Callable[[], T]) -> T | None:
+def tried(draft: Draft, path: PathKeys, what: str, build: Callable[[], T]) -> T | None:
     """Return what ``build`` makes; its refusal is noted at the path."""
     try:
         return build()
@@ -35,7 +36,7 @@ def _tried(draft: Draft, path: PathKeys, what: str, build: Callable[[], T]) -> T
 def build_plant(draft: Draft, checked: CheckedKind) -> Plant | None:
     """Return the plant, None when its class refuses."""
     period_s = draft.sections["period_s"]
-    plant: Plant | None = _tried(
+    plant: Plant | None = tried(
         draft,
         ("plant",),
         f"plant {checked.found.short_name}",
@@ -66,7 +67,7 @@ def build_sensors(draft: Draft, kinds: Mapping[str, CheckedKind], plant: Plant) 
 
 def _built_sensor(draft: Draft, name: str, checked: CheckedKind, plant: Plant) -> Any:
     what = f"sensor {checked.found.short_name}"
-    return _tried(draft, ("sensors", name), what, lambda: checked.found.type(plant, **checked.parameters))
+    return tried(draft, ("sensors", name), what, lambda: checked.found.type(plant, **checked.parameters))
 
 
 class EstimatorBuilder:
@@ -79,7 +80,9 @@ class EstimatorBuilder:
         plant: Plant,
         sensors: Mapping[str, Sensor],
         listens: Mapping[str, Sequence[str]],
+        triggers: Mapping[str, CheckedKind],
     ) -> None:
+        self._triggers = triggers
         self._draft = draft
         self._kinds = kinds
         self._plant = plant
@@ -97,10 +100,23 @@ class EstimatorBuilder:
             neighbours=dict(sorted(neighbours.items())),
             rng=random_stream(self._draft.sections["seed"], self._draft.sections["trial"], name, "estimator"),
             neighbour_sensors={other: self._heard_by(other) for other in neighbours} if asks else {},
+            trigger=self._trigger(name) if getattr(checked.found.type, "takes_trigger", False) else None,
+            sensor_triggers={
+                sensor: trigger for sensor in self._listens[name] if (trigger := self._trigger(sensor))
+            },
         )
         what = f"estimator {checked.found.short_name}"
         path = ("estimators", name)
-        return _tried(self._draft, path, what, lambda: checked.found.type(setting, **checked.parameters))
+        return tried(self._draft, path, what, lambda: checked.found.type(setting, **checked.parameters))
+
+    def _trigger(self, sender: str) -> Trigger | None:
+        """Return a node's event trigger, which was built before without complaint; None when it has none."""
+        checked = self._triggers.get(sender)
+        if checked is None:
+            return None
+        setting = TriggerSetting(sender, self._plant, self._sensors.get(sender), np.random.default_rng(0))
+        trigger: Trigger = checked.found.type(setting, **checked.parameters)
+        return trigger
 
     def _heard_by(self, name: str) -> dict[str, Sensor]:
         """Return the models of the sensors that an estimator listens to."""
@@ -135,7 +151,7 @@ def build_controllers(
         rng = random_stream(draft.sections["seed"], draft.sections["trial"], name, "controller")
         setting = ControllerSetting(name, plant, rng)
         build = functools.partial(checked.found.type, setting, **checked.parameters)
-        _tried(draft, ("controllers", name), f"controller {checked.found.short_name}", build)
+        tried(draft, ("controllers", name), f"controller {checked.found.short_name}", build)
         heard = draft.sections["controllers"][name].estimator
         if heard in estimators and not hasattr(estimators[heard].found.type, "control"):
             message = f"{heard} does not take the input of {name} into account"
@@ -150,7 +166,7 @@ def check_signals(draft: Draft, attacks: Sequence[DeclaredStage], plant: Plant) 
             continue
         rng = random_stream(0, 0, "signal", stage.purpose)
         build = functools.partial(stage.checked.found.type, rng, **stage.checked.parameters)
-        signal: Signal | None = _tried(draft, stage.path, stage.checked.found.short_name, build)
+        signal: Signal | None = tried(draft, stage.path, stage.checked.found.short_name, build)
         enters = int(np.shape(getattr(plant, "G", np.zeros((0, 0))))[1])
         if signal is not None and signal.size != enters:
             cure = "give the plant 'G' with a column for each component of the signal"
@@ -175,4 +191,4 @@ def build_stages(draft: Draft, placed: Sequence[PlacedStage]) -> None:
             knowledge=plan.knowledge,
         )
         build = functools.partial(checked.found.type, placement, **checked.parameters)
-        _tried(draft, stage.declared.path, checked.found.short_name, build)
+        tried(draft, stage.declared.path, checked.found.short_name, build)

@@ -21,8 +21,8 @@ from orchestrator.topology.schema import TopologyFile
 
 _OWN_KEYS: Mapping[str, frozenset[str]] = {
     "plant": frozenset({"model"}),
-    "sensors": frozenset({"model"}),
-    "estimators": frozenset({"method", "sensors"}),
+    "sensors": frozenset({"model", "send"}),
+    "estimators": frozenset({"method", "sensors", "send"}),
     "controllers": frozenset({"law", "estimator"}),
 }
 _ROLES: Mapping[str, Role] = {

@@ -26,7 +26,7 @@ def read_expectations(draft: Draft, groups: Collection[str], links: Sequence[str
             path: PathKeys = ("expect", metric, index) if isinstance(stated, list) else ("expect", metric)
             whole = limit if isinstance(limit, Limit) else Limit(equals=limit)
             _check_limit(draft, metric, whole, groups, path)
-            found.append(_expectation(draft, metric, whole, path, links))
+            found.append(_expectation(draft, metric, whole, path, links, groups))
     return tuple(found)
 
 
@@ -47,15 +47,30 @@ def _check_limit(draft: Draft, metric: str, limit: Limit, groups: Collection[str
 
 
 def _expectation(
-    draft: Draft, metric: str, limit: Limit, path: PathKeys, links: Sequence[str]
+    draft: Draft,
+    metric: str,
+    limit: Limit,
+    path: PathKeys,
+    links: Sequence[str],
+    groups: Collection[str],
 ) -> Expectation:
-    names = draft.names("estimators")
+    found = find_metric(metric, groups)
+    is_of_senders = found is not None and found.scope == "sender"
+    what = "node" if is_of_senders else "estimator"
+    names = [*(draft.names("sensors") if is_of_senders else ()), *draft.names("estimators")]
     entry, _ = draft.root.nearest(path)
     return Expectation(
         metric,
-        nodes=_chosen(draft, limit.node, (*path, "node"), names, lambda pattern: select(pattern, names)),
+        nodes=_chosen(
+            draft, limit.node, (*path, "node"), what, names, lambda pattern: select(pattern, names)
+        ),
         links=_chosen(
-            draft, limit.link, (*path, "link"), links, lambda pattern: links_of_pattern(pattern, links)
+            draft,
+            limit.link,
+            (*path, "link"),
+            "link",
+            links,
+            lambda pattern: links_of_pattern(pattern, links),
         ),
         at_most=limit.at_most,
         at_least=limit.at_least,
@@ -68,6 +83,7 @@ def _chosen(
     draft: Draft,
     stated: str | list[str] | None,
     path: PathKeys,
+    what: str,
     names: Sequence[str],
     choose: Callable[[str], list[str]],
 ) -> tuple[str, ...]:
@@ -76,7 +92,6 @@ def _chosen(
     for pattern in patterns:
         found = choose(pattern)
         if not found:
-            what = "estimator" if path[-1] == "node" else "link"
             draft.complain(path, f"there is no {what} '{pattern}'", did_you_mean(pattern, names))
         chosen.update(dict.fromkeys(found))
     return tuple(chosen)

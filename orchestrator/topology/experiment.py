@@ -18,6 +18,7 @@ from orchestrator.topology.resolve import Kinds, links_between, make_plan
 from orchestrator.topology.resolved import Topology
 from orchestrator.topology.schema import TopologyFile
 from orchestrator.topology.stages import declared_attacks, declared_channels
+from orchestrator.topology.triggers import declared_triggers
 from orchestrator.topology.wiring import Wiring
 
 LOGGED = Path("topology.json")
@@ -70,6 +71,7 @@ def _kinds_of(file: TopologyFile, draft: _TrustedDraft) -> Kinds:
         },
         declared_attacks(draft),
         declared_channels(draft),
+        declared_triggers(draft),
     )
 
 

@@ -13,7 +13,7 @@ NODE_SECTIONS = ("sensors", "estimators", "controllers")
 KIND_KEYS = {"plant": "model", "sensors": "model", "estimators": "method", "controllers": "law"}
 GRAPH_OPTIONS = ("directed", "weights")
 
-_KEPT_WITH_NEW_KIND = ("sensors", "estimator")
+_KEPT_WITH_NEW_KIND = ("sensors", "estimator", "send")
 _NOT_INHERITED = ("name", "description", "extends")
 _PRUNED_SECTIONS = (
     *NODE_SECTIONS,
@@ -118,6 +118,8 @@ def _prepared(base: Mapping[str, Entry], own: Mapping[str, Entry], path: PathKey
     if path == ("graph",):
         kinds = own.keys() - set(GRAPH_OPTIONS)
         return base if kinds <= base.keys() else {}
+    if len(path) == 3 and path[0] in NODE_SECTIONS and path[2] == "send":
+        return base if own.keys() <= base.keys() else {}
     kind_key = kind_key_at(path)
     if kind_key is None or kind_key not in own or kind_key not in base:
         return base

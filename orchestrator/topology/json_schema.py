@@ -25,9 +25,11 @@ def schema(*, installed: bool = True) -> _Schema:
     definitions.update(whole.pop("$defs"))
     makers = _Kinds(definitions, installed)
     definitions["PlantSection"] = makers.node("plants", "model", {})
-    definitions["SensorSection"] = makers.node("sensors", "model", {})
+    definitions["Send"] = makers.members("triggers", {"type": "object", "properties": {}}, {})
+    sending = {"send": {"anyOf": [{"$ref": "#/$defs/Send"}, {"type": "null"}]}}
+    definitions["SensorSection"] = makers.node("sensors", "model", sending)
     listening = EstimatorSection.model_json_schema()["properties"]["sensors"]
-    definitions["EstimatorSection"] = makers.node("estimators", "method", {"sensors": listening})
+    definitions["EstimatorSection"] = makers.node("estimators", "method", {"sensors": listening, **sending})
     acting = ControllerSection.model_json_schema()["properties"]["estimator"]
     definitions["ControllerSection"] = makers.node("controllers", "law", {"estimator": acting})
     definitions["GraphSection"] = makers.members("graphs", definitions["GraphSection"], {})

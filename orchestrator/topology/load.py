@@ -27,6 +27,7 @@ from orchestrator.topology.resolve import Kinds, links_between, make_plan, resol
 from orchestrator.topology.resolved import Topology
 from orchestrator.topology.stages import declared_attacks, declared_channels, refuse_repeated_names
 from orchestrator.topology.targets import check_targets
+from orchestrator.topology.triggers import build_triggers, check_senders, declared_triggers
 from orchestrator.topology.wiring import wire
 
 __all__ = ["Problem", "Topology", "TopologyError", "find_problems", "load_topology"]
@@ -102,6 +103,7 @@ def _finished(draft: Draft, file: Path) -> Topology:
         _node_kinds(draft, "controllers"),
         declared_attacks(draft),
         declared_channels(draft),
+        declared_triggers(draft),
     )
     graph = read_graph(draft)
     refuse_repeated_names(draft, [*kinds.attacks, *kinds.channels])
@@ -137,9 +139,11 @@ def _wired(
     draft.problems.stop_if_any()
     assert plant is not None
     sensors = build_sensors(draft, kinds.sensors, plant)
+    build_triggers(draft, kinds.triggers, plant, sensors)
     draft.problems.stop_if_any()
-    builder = EstimatorBuilder(draft, kinds.estimators, plant, sensors, listens)
+    builder = EstimatorBuilder(draft, kinds.estimators, plant, sensors, listens, kinds.triggers)
     wiring = wire(draft, graph, kinds.estimators, builder)
+    check_senders(draft, kinds, wiring)
     build_controllers(draft, kinds.controllers, kinds.estimators, plant)
     check_signals(draft, kinds.attacks, plant)
     _refuse_idle(draft, listens, wiring.neighbours)

@@ -19,8 +19,8 @@ from orchestrator.registry import FoundKind, Role
 
 RESERVED_PARAMETERS: Mapping[Role, frozenset[str]] = {
     "plants": frozenset({"model"}),
-    "sensors": frozenset({"model"}),
-    "estimators": frozenset({"method", "sensors"}),
+    "sensors": frozenset({"model", "send"}),
+    "estimators": frozenset({"method", "sensors", "send"}),
     "controllers": frozenset({"law", "estimator"}),
     "graphs": frozenset({"directed", "weights"}),
     "impairments": frozenset({"name", "scope", "stream"}),
@@ -28,6 +28,7 @@ RESERVED_PARAMETERS: Mapping[Role, frozenset[str]] = {
     "signals": frozenset({"name", "on", "scope", "steps", "stream", "when"}),
     "faults": frozenset({"name", "on", "scope", "steps", "stream", "when"}),
     "schedules": frozenset(),
+    "triggers": frozenset(),
 }
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, protected_namespaces=())

@@ -10,6 +10,7 @@ from bus.keys import CONTROL, EXCHANGE, MEASUREMENT
 from bus.plan import (
     ControllerPlan,
     EstimatorPlan,
+    Kind,
     LinkPlan,
     Plan,
     PlantPlan,
@@ -35,6 +36,13 @@ class Kinds:
     controllers: Mapping[str, CheckedKind]
     attacks: Sequence[DeclaredStage]
     channels: Sequence[DeclaredStage]
+    triggers: Mapping[str, CheckedKind]
+    """Event triggers by the node that they belong to."""
+
+    def sending(self, node: str) -> Kind | None:
+        """Return the kind of a node's event trigger as a plan holds it; None when it always sends."""
+        checked = self.triggers.get(node)
+        return None if checked is None else checked.kind
 
 
 def links_between(
@@ -77,7 +85,10 @@ def make_plan(
         steps=sections["steps"],
         period_s=sections["period_s"],
         plant=PlantPlan(PLANT_NAME, kinds.plant.kind, tuple(heard_by)),
-        sensors=tuple(SensorPlan(sensor, checked.kind) for sensor, checked in kinds.sensors.items()),
+        sensors=tuple(
+            SensorPlan(sensor, checked.kind, kinds.sending(sensor))
+            for sensor, checked in kinds.sensors.items()
+        ),
         estimators=tuple(
             EstimatorPlan(
                 estimator,
@@ -86,6 +97,7 @@ def make_plan(
                 wiring.neighbours[estimator],
                 wiring.rounds[estimator],
                 tuple(name for name, heard in heard_by.items() if heard == estimator),
+                kinds.sending(estimator),
             )
             for estimator, checked in kinds.estimators.items()
         ),
@@ -122,9 +134,17 @@ def resolved_document(
         "period_s": sections["period_s"],
         "steps": sections["steps"],
         "plant": {"model": kinds.plant.found.name, **kinds.plant.plain},
-        "sensors": {node: {"model": kind.found.name, **kind.plain} for node, kind in kinds.sensors.items()},
+        "sensors": {
+            node: {"model": kind.found.name, **_send(kinds, node), **kind.plain}
+            for node, kind in kinds.sensors.items()
+        },
         "estimators": {
-            node: {"method": kind.found.name, "sensors": list(listens[node]), **kind.plain}
+            node: {
+                "method": kind.found.name,
+                "sensors": list(listens[node]),
+                **_send(kinds, node),
+                **kind.plain,
+            }
             for node, kind in kinds.estimators.items()
         },
         "controllers": {
@@ -147,6 +167,12 @@ def resolved_document(
         "score": dataclasses.asdict(sections["score"]),
         "process": sections["process"].model_dump(mode="json"),
     }
+
+
+def _send(kinds: Kinds, node: str) -> dict[str, Any]:
+    """Return the member that states a node's event trigger, if it has one."""
+    trigger = kinds.triggers.get(node)
+    return {} if trigger is None else {"send": {trigger.found.name: dict(trigger.plain)}}
 
 
 def _options(stage: DeclaredStage) -> dict[str, Any]:
@@ -214,7 +240,10 @@ def experiment_document(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _portable(node: Mapping[str, Any], kind_key: str) -> dict[str, Any]:
-    return {**node, kind_key: portable_name(node[kind_key])}
+    portable = {**node, kind_key: portable_name(node[kind_key])}
+    if "send" in portable:
+        portable["send"] = {portable_name(key): value for key, value in portable["send"].items()}
+    return portable
 
 
 def _portable_keys(stage: Mapping[str, Any]) -> dict[str, Any]:

@@ -44,10 +44,18 @@ class PlantSection(KindSection):
     model: str = Field(description="kind of plant: a registered name, module:Class or file.py:Class")
 
 
+_SEND = Field(
+    default=None,
+    description="event trigger that decides in which slots it sends, such as "
+    "{send_on_delta: {threshold: 0.1}}; without it, in all",
+)
+
+
 class SensorSection(KindSection):
     """One sensor."""
 
     model: str = Field(description="kind of sensor: a registered name, module:Class or file.py:Class")
+    send: dict[str, Any] | None = _SEND
 
 
 class EstimatorSection(KindSection):
@@ -57,6 +65,7 @@ class EstimatorSection(KindSection):
     sensors: str | list[str] | None = Field(
         default=None, description="sensors it listens to: paired (same number), all, or names and patterns"
     )
+    send: dict[str, Any] | None = _SEND
 
 
 class ControllerSection(KindSection):

@@ -86,24 +86,56 @@ period_s: 0.1
 steps: 40
 plant: {model: linear, A: [[0.95, 0.2], [-0.2, 0.95]], process_noise: {std: 0.1}, initial: {std: 1.0}}
 sensors:
-  s1..s2: {model: innovation, C: [[1.0, 0.0]], noise: {std: 0.3}}
+  s1: {model: innovation, C: [[1.0, 0.0]], noise: {std: 0.3}}
+  s2:
+    model: innovation
+    C: [[1.0, 0.0]]
+    noise: {std: 0.3}
+    send: {deterministic_innovation: {threshold: 0.5}}
 estimators:
   e1..e2: {method: innovation_kalman, threshold: 6.63}
 adversary: {knows: [innovations]}
 attacks:
   - {optimal_linear: {T: 0.5}, on: s1->e1, steps: [10, 30]}
 """
+TRIGGERED = """
+name: event-triggers
+seed: 11
+period_s: 0.1
+steps: 40
+plant: {model: linear, A: [[0.95, 0.2], [-0.2, 0.95]], process_noise: {std: 0.1}, initial: {std: 1.0}}
+sensors:
+  s1: {model: linear, C: [[1.0, 0.0]], noise: {std: 0.3}, send: {stochastic_innovation: {Y: 5}}}
+  s2: {model: linear, C: [[1.0, 0.0]], noise: {std: 0.3}, send: {deterministic_innovation: {threshold: 1}}}
+  s3: {model: linear, C: [[1.0, 0.0]], noise: {std: 0.3}, send: {send_on_delta: {threshold: 0.5}}}
+  s4: {model: linear, C: [[1.0, 0.0]], noise: {std: 0.3}, send: {relative: {sigma: 0.1}}}
+estimators:
+  k1: {method: event_triggered_kalman, sensors: all}
+  e1: {method: secure_distributed, coupling: 0.01, send: {periodic: {every: 2}}}
+  e2: {method: secure_distributed, coupling: 0.01, send: {relative: {sigma: 0.05, components: [0, 1]}}}
+  e3: {method: secure_distributed, coupling: 0.01, send: {send_on_delta: {threshold: 0.3}}}
+  e4: {method: secure_distributed, coupling: 0.01, send: {stochastic_innovation: {Y: 5, loop: open}}}
+graph: {edges: [[e1, e2], [e2, e3], [e3, e4], [e4, e1]]}
+channel:
+  s4->e4: {bernoulli: {loss: 0.2}}
+  e*->e*: {gilbert_elliott: {failure: 0.2, recovery: 0.5}}
+attacks:
+  - {bias: {value: 0.5}, on: s3->e3, steps: [10, 20]}
+  - {hold: {}, on: s4->e4, steps: [10, 20]}
+  - {replay: {capture: [5, 15]}, on: s3->e3, steps: [25, 30]}
+  - {crash: {}, on: e4, steps: [30, 39]}
+"""
 
 
 def test_no_registered_kind_is_left_out() -> None:
     """A smart sensor cannot be told of an input, so what needs one stands in a file of its own."""
-    named = {"perfect", *re.findall(r"(\w+)(?=: \{)", LOOP + SMART)}
+    named = {"perfect", *re.findall(r"(\w+)(?=: \{)", LOOP + SMART + TRIGGERED)}
     for role in ROLES:
-        if role in ("impairments", "attacks", "signals", "faults", "schedules"):
+        if role in ("impairments", "attacks", "signals", "faults", "schedules", "triggers"):
             assert set(registered(role)) <= named
 
 
-@pytest.mark.parametrize("text", [LOOP, SMART], ids=["loop", "smart"])
+@pytest.mark.parametrize("text", [LOOP, SMART, TRIGGERED], ids=["loop", "smart", "triggered"])
 def test_everything_together_writes_the_same_bytes_in_one_process_and_in_many(
     gauntlet: Gauntlet, text: str
 ) -> None:

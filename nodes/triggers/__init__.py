@@ -1,0 +1,1 @@
+"""Event triggers: they decide at the sender which of its payloads are sent."""
