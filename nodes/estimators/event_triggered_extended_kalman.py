@@ -53,12 +53,12 @@ class EventTriggeredExtendedKalman:
     """A distributed extended Kalman predictor whose nodes exchange innovations when they differ.
 
     Each node compares its measurement, which may be falsified, with its own prediction: ``z_i = y~_i -
-    h_i(x^_i)`` (6). Its event trigger decides on sending it; that of the paper is ``relative``, whose reference
-    is ``Psi_i = sum_j (z_j^s - z_i^s)`` of the innovations that were last sent (8). Without a trigger each is
-    sent. Then ``x^_i+ = f(x^_i) + K_i z_i^s + C_i Psi_i`` (9). A slot carries ``x^_i``, its bound ``P_i``,
-    whether ``z_i`` was sent, and either ``z_i`` or the bound of what was not said: ``sigma Psi_i' Phi Psi_i``,
-    or with another trigger ``|z_i - z_i^s|^2`` itself. The estimate that is published in step k refers to
-    k + 1.
+    h_i(x^_i)`` (6). Its event trigger decides on sending it; that of the paper is ``relative``, and compares
+    with ``Psi_i = sum_j (z_j^s - z_i^s)`` of the innovations that were last sent (8). Without a trigger each
+    is sent. Then ``x^_i+ = f(x^_i) + K_i z_i^s + C_i Psi_i`` (9). A slot carries ``x^_i``, its bound ``P_i``,
+    whether ``z_i`` was sent, and either ``z_i`` or the bound of what was not said: ``sigma Psi_i' Phi
+    Psi_i``, or with another trigger ``|z_i - z_i^s|^2`` itself. The estimate that is published in step k
+    refers to k + 1.
 
     The gains come from a design of the node's own; see docs/zhou2020.md for which of their bounds hold. The
     published covariance is ``P`` of a design that bounds the second moment, and ``P / n`` of one that bounds
@@ -71,8 +71,9 @@ class EventTriggeredExtendedKalman:
     ----------
     setting
         A plant with a transition and its Jacobian, exactly one sensor of the same sort, and neighbours that
-        have one each, all with as many outputs; their triggers are taken to be the node's own. Plant and sensors that bound the remainder of their
-        linearisation (`nodes.remainders`) are believed; others are taken as linear.
+        have one each, all with as many outputs. Plant and sensors that bound the remainder of their
+        linearisation (`nodes.remainders`) are believed; others are taken as linear. The neighbours' triggers
+        are taken to be the node's own.
     assumed_attack
         What the design assumes of the attack on measurements; none when not given.
     design
@@ -126,7 +127,7 @@ class EventTriggeredExtendedKalman:
         self._trigger = setting.trigger
         self._relative = setting.trigger if isinstance(setting.trigger, Relative) else None
         Phi = np.eye(self._m) if self._relative is None else self._relative.weight(self._m)
-        self._unsaid = np.linalg.inv(Phi)
+        self._unsaid: Matrix = np.asarray(np.linalg.inv(Phi), dtype=np.float64)
         self._state, added = start(setting, start_error)
         prior = setting.plant.initial_covariance + added if initial is None else initial.covariance_matrix(n)
         if np.linalg.eigvalsh(prior)[0] <= 0.0:

@@ -23,6 +23,8 @@ from orchestrator.errors import InputError
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
 
+GUARANTEED = "bound_guaranteed"
+"""The diagnostic by which a method says whether its covariance is a guaranteed bound: 0 in one step is no."""
 SENT = "sent"
 """The diagnostic by which a method that asks its event trigger itself says what share was sent."""
 
@@ -76,7 +78,7 @@ class Gathered:
     injection stands under the link that it was made on, which may carry it in another node's name. ``slots``
     (L,) counts by link the slots that the channel passed. ``said_sent`` holds, by estimator whose method
     fills its slots for other reasons too, how many of its estimates said what share of its events was sent,
-    and the sum of that.
+    and the sum of that. ``guaranteed`` tells, by estimator that says so, whether its bounds are guaranteed.
     """
 
     truth_present: Bools
@@ -88,6 +90,7 @@ class Gathered:
     counts: Ints
     slots: Ints
     said_sent: Mapping[str, tuple[int, float]]
+    guaranteed: Mapping[str, bool]
 
 
 COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
@@ -149,6 +152,7 @@ class _Gatherer:
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.triggered = frozenset(plan.triggered)
         self.said_sent: dict[str, tuple[int, float]] = {}
+        self.guaranteed: dict[str, bool] = {}
 
     def take_truth(self, topic: str, message: Truth) -> None:
         self.truth[message.step] = message.state
@@ -163,8 +167,11 @@ class _Gatherer:
         self.covariance.extend(message.covariance)
         if name in self.triggered and SENT in message.diagnostic_name:
             share = message.diagnostic_value[message.diagnostic_name.index(SENT)]
-            said, total = self.said_sent.get(name, (0, 0.0))
-            self.said_sent[name] = said + 1, total + share
+            told, total = self.said_sent.get(name, (0, 0.0))
+            self.said_sent[name] = told + 1, total + share
+        if GUARANTEED in message.diagnostic_name:
+            said = message.diagnostic_value[message.diagnostic_name.index(GUARANTEED)] > 0.0
+            self.guaranteed[name] = said and self.guaranteed.get(name, True)
         if message.detector_source:
             incoming, rows = self.incoming[name], self.verdicts
             rows.link.extend(map(incoming.__getitem__, message.detector_source))
@@ -228,6 +235,7 @@ class _Gatherer:
             counts=self._counts(),
             slots=np.bincount(_integers(self.counted_link), minlength=len(self.plan.links)),
             said_sent=self.said_sent,
+            guaranteed=self.guaranteed,
         )
 
     def _truth(self) -> Floats:

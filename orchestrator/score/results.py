@@ -86,6 +86,18 @@ class Consistency(Result, frozen=True, kw_only=True):
     inside: float | None
 
 
+class Bound(Result, frozen=True, kw_only=True):
+    """What an estimator's covariance is worth as a bound of its error.
+
+    ``outside`` is the share of steps whose NEES exceeds n, the size of the state: where the error leaves the
+    ellipsoid ``e' P^-1 e <= n``. ``guaranteed`` is the method's own word that its covariance bounds the
+    error's second moment whatever the adversary does within what it assumes; None when it says nothing.
+    """
+
+    outside: float | None
+    guaranteed: bool | None
+
+
 class NodeScore(Result, frozen=True, kw_only=True):
     """One estimator; ``method`` is the name of its class, ``divergence_step`` None when it never diverged.
 
@@ -111,6 +123,7 @@ class NodeScore(Result, frozen=True, kw_only=True):
     nis_attacked: Consistency
     nis_unattacked: Consistency
     error: dict[str, list[float | None]]
+    bound: Bound = Bound(outside=None, guaranteed=None)
 
 
 class NetworkScore(Result, frozen=True, kw_only=True):

@@ -17,7 +17,7 @@ from orchestrator.score.accuracy import (
     network_score,
     numbers,
 )
-from orchestrator.score.consistency import consistency, nees
+from orchestrator.score.consistency import consistency, nees, share_above
 from orchestrator.score.detection import (
     Judgement,
     attack_windows,
@@ -30,7 +30,7 @@ from orchestrator.score.detection import (
 from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import Bools, Gathered, gather
 from orchestrator.score.judging import judge_expectations
-from orchestrator.score.results import LinkScore, NodeScore, Score, ScoreOptions
+from orchestrator.score.results import Bound, LinkScore, NodeScore, Score, ScoreOptions
 from orchestrator.score.traffic import senders, traffic
 
 
@@ -49,6 +49,8 @@ def _node_scores(
         consistency(estimates.nis, estimates.nis_dof, rows, options.confidence)
         for rows in (counted, counted & attacked, counted & ~attacked)
     )
+    n = estimates.error.shape[2]
+    left = [share_above(row[keep], n) for row, keep in zip(figures, counted, strict=True)]
     series = errors.norm if options.node_series else {}
     return [
         NodeScore(
@@ -66,6 +68,7 @@ def _node_scores(
             nis_attacked=nis_hit[i],
             nis_unattacked=nis_spared[i],
             error={group: numbers(norm[i]) for group, norm in series.items()},
+            bound=Bound(outside=left[i], guaranteed=gathered.guaranteed.get(estimator.name)),
         )
         for i, estimator in enumerate(plan.estimators)
     ]
