@@ -46,7 +46,7 @@ def _remark(rank: str, node: NodeScore, score: Score) -> str:
         parts.append(f"attacked {node.attacked_steps} steps")
     if node.bound.guaranteed is not None and node.bound.outside is not None:
         kind = "guaranteed bound" if node.bound.guaranteed else "bound"
-        parts.append(f"outside its {kind} {100 * node.bound.outside:.3g} %")
+        parts.append(f"{kind} left {100 * node.bound.outside:.3g} %")
     return ", ".join(parts)
 
 
