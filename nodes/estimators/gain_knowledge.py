@@ -7,6 +7,7 @@ neighbours know: see docs/zhou2020.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
@@ -39,7 +40,8 @@ class Deception:
     probability: Annotated[float, Ge(0.0), Le(1.0)] = 1.0
 
 
-class Shares(NamedTuple):
+@dataclass(frozen=True)
+class Shares:
     """The attack's shares: ``low``, ``high``, ``mean``, ``variance`` (m,); ``value`` bounds ``|v_s|``."""
 
     low: Vector
@@ -47,6 +49,22 @@ class Shares(NamedTuple):
     mean: Vector
     variance: Vector
     value: float
+
+    @cached_property
+    def passed(self) -> Vector:
+        """The mean share (m,) of a measurement that is left, ``1 - mean``."""
+        return 1.0 - self.mean
+
+    @cached_property
+    def unit(self) -> Matrix:
+        """The unit matrix (m, m)."""
+        return np.eye(len(self.mean))
+
+    @cached_property
+    def noise_factor(self) -> Matrix:
+        """What multiplies, entry by entry, the covariance (m, m) of a measurement's noise."""
+        factor: Matrix = np.outer(self.passed, self.passed) + np.diag(self.variance)
+        return factor
 
     @classmethod
     def of(cls, deception: Deception | None, outputs: int) -> Shares:

@@ -21,7 +21,7 @@ from nodes.estimators.gain_programs import (
     nominal_program,
     require_solvers,
 )
-from nodes.estimators.gain_riccati import Riccati, added, second_moments
+from nodes.estimators.gain_riccati import Riccati, second_moments
 from nodes.linear_algebra import square_root
 
 Variant = Literal["nominal", "moment", "sector"]
@@ -153,7 +153,7 @@ class Lmi:
             "H": moments.slope @ factor,
             "drift": local.remainder * local.directions / units[:, None],
             "driver": np.outer(driver, driver),
-            "S": square_root(added(moments)),
+            "S": square_root(moments.added(as_moments(local))),
             "Q": square_root(self._Q) / units[:, None],
             "weights": self._costs(units),
         }

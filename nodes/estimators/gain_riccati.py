@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from bus.packets import Vector
 from nodes.contract import Matrix
 from nodes.estimators.gain_knowledge import Gains, Local, Shares, stacked, stacked_square
 from nodes.lapack import dpotrf, dtrtrs
@@ -24,21 +25,29 @@ _SMALLEST_WEIGHT = 1e-9
 class Moments(NamedTuple):
     """``slope`` (2 m, n) by which the error enters innovation and disagreement, and the groups beside it.
 
-    Second moments (2 m, 2 m) of: the sensors' ``remainder``, the ``known`` mean, the attack's ``value``, the
-    ``trigger``'s error and the ``noise``; ``drift`` (n, n) is that of the plant's remainder.
+    ``known`` (2 m,) is the known mean of both. By member, the second moments (M, m, m) of what enters its
+    innovation: the sensor's ``remainder``, the attack's ``value``, the ``trigger``'s error and the ``noise``.
+    ``drift`` (n, n) is that of the plant's remainder.
     """
 
     slope: Matrix
-    remainder: Matrix
-    known: Matrix
-    value: Matrix
-    trigger: Matrix
-    noise: Matrix
+    known: Vector
+    remainder: np.ndarray
+    value: np.ndarray
+    trigger: np.ndarray
+    noise: np.ndarray
     drift: Matrix
 
-    def groups(self) -> tuple[Matrix, ...]:
-        """Return the groups that the gains let in."""
-        return (self.remainder, self.known, self.value, self.trigger, self.noise)
+    def groups(self, local: Local) -> tuple[Matrix, ...]:
+        """Return the second moments (2 m, 2 m) of the groups that the gains let in."""
+        by_member = (self.remainder, self.value, self.trigger, self.noise)
+        return (np.outer(self.known, self.known), *(stacked_square(each, local) for each in by_member))
+
+    def added(self, local: Local) -> Matrix:
+        """Return the sum (2 m, 2 m) of the groups that the gains let in."""
+        by_member = self.remainder + self.value + self.trigger + self.noise
+        whole: Matrix = stacked_square(by_member, local) + self.known[:, None] * self.known
+        return whole
 
 
 class Riccati:
@@ -78,54 +87,45 @@ class Riccati:
             moments = residual_moments(local, self._shares)
         else:
             moments = second_moments(local, self._shares)
-        return best_gains(local, moments.slope, added(moments), self._Q + moments.drift)
+        return best_gains(local, moments.slope, moments.added(local), self._Q + moments.drift)
 
 
 def second_moments(local: Local, shares: Shares) -> Moments:
     """Return the groups, with ``1 - mu`` as the gain on the error."""
-    mean, variance = shares.mean, shares.variance
-    passed, spread, projected = 1.0 - mean, _heading_variance(local), _projected(local)
+    passed, members = shares.passed, len(local.values)
+    unit = shares.unit
     slopes = passed[:, None] * local.slopes
-    shifts = (slopes * local.differences[:, None, :]).sum(axis=2) - mean * local.values
+    shifts = (slopes * local.differences[:, None, :]).sum(axis=2) - shares.mean * local.values
+    remainder = local.remainders * local.remainders * _heading_variance(local)
     bounds = np.abs(local.values) + shares.value
-    noise = local.noise * (np.outer(passed, passed) + np.diag(variance))
-    own = 3.0 * variance * (projected + (local.remainders**2 * spread)[:, None] + bounds * bounds)
-    members, m = local.values.shape
-    unit = np.eye(m)
-    remainder = (members * local.remainders**2 * spread)[:, None, None] * (unit * passed * passed)
-    value = np.broadcast_to(2.0 * members * shares.value**2 * (unit * mean * mean), (members, m, m))
-    trigger = (members * local.slack)[:, None, None] * local.unsaid
-    known = stacked(shifts, local)
+    own = (3.0 * shares.variance) * (_projected(local) + remainder[:, None] + bounds * bounds)
+    value = (2.0 * members * shares.value**2) * (shares.mean * shares.mean)
     return Moments(
         stacked(slopes, local),
-        stacked_square(remainder, local),
-        np.outer(known, known),
-        stacked_square(value, local),
-        stacked_square(trigger, local),
-        stacked_square(noise + own[:, :, None] * unit, local),
+        stacked(shifts, local),
+        (members * remainder)[:, None, None] * (unit * (passed * passed)),
+        np.array([unit * value] * members),
+        (members * local.slack)[:, None, None] * local.unsaid,
+        local.noise * shares.noise_factor + own[:, :, None] * unit,
         _drift(local),
     )
 
 
 def residual_moments(local: Local, shares: Shares) -> Moments:
     """Return the groups with the true loop gain: all of the attack stands in the residual."""
-    mean, variance = shares.mean, shares.variance
-    m = len(mean)
-    spread, unit = _heading_variance(local), np.eye(m)
+    unit = shares.unit
     shifts = (local.slopes * local.differences[:, None, :]).sum(axis=2)
-    passed = 1.0 - mean
-    noise = local.noise * (np.outer(passed, passed) + np.diag(variance))
-    attacked = (variance + mean * mean) * (local.values**2 + shares.value**2 + _projected(local))
-    own = attacked + (local.remainders**2 * spread)[:, None]
-    noise = noise + (0.5 * local.slack)[:, None, None] * local.unsaid
-    known, nothing = stacked(shifts, local), np.zeros((2 * m, 2 * m))
+    attacked = shares.variance + shares.mean * shares.mean
+    own = attacked * (local.values**2 + shares.value**2 + _projected(local))
+    own = own + (local.remainders * local.remainders * _heading_variance(local))[:, None]
+    nothing = np.zeros_like(local.noise)
     return Moments(
         stacked(local.slopes, local),
+        stacked(shifts, local),
         nothing,
-        np.outer(known, known),
         nothing,
-        nothing,
-        stacked_square(noise + own[:, :, None] * unit, local),
+        (0.5 * local.slack)[:, None, None] * local.unsaid,
+        local.noise * shares.noise_factor + own[:, :, None] * unit,
         _drift(local),
     )
 
@@ -144,15 +144,9 @@ def _projected(local: Local) -> Matrix:
 
 def _drift(local: Local) -> Matrix:
     """Return ``U^2 d' P d B B'`` (n, n)."""
-    B = local.directions
-    variance = local.driver.dot(local.covariances[0]).dot(local.driver)
-    drift: Matrix = (local.remainder**2 * variance) * B.dot(B.T)
+    driven = local.remainder * local.directions
+    drift: Matrix = local.driver.dot(local.covariances[0]).dot(local.driver) * driven.dot(driven.T)
     return drift
-
-
-def added(moments: Moments) -> Matrix:
-    """Return the sum (2 m, 2 m) of the groups that the gains let in."""
-    return moments.remainder + moments.known + moments.value + moments.trigger + moments.noise
 
 
 def best_gains(local: Local, slope: Matrix, disturbance: Matrix, Q: Matrix) -> Gains:
@@ -165,8 +159,9 @@ def best_gains(local: Local, slope: Matrix, disturbance: Matrix, Q: Matrix) -> G
     onward = F.dot(P)
     crossed = slope.dot(onward.T)
     innovation = slope.dot(P).dot(slope.T) + disturbance
-    empty = np.flatnonzero(innovation.diagonal() == 0.0)
-    innovation[empty, empty] = 1.0
+    if not local.neighbours:  # an innovation or a disagreement is missing
+        empty = np.flatnonzero(innovation.diagonal() == 0.0)
+        innovation[empty, empty] = 1.0
     factor, info = dpotrf(innovation, lower=1)
     if info != 0:
         raise np.linalg.LinAlgError("the innovations' second moment is not positive definite")
@@ -188,7 +183,7 @@ def adversarial(local: Local, moments: Moments, Q: Matrix) -> Gains:
     for _ in range(_SWEEPS):
         own, drift, *others = weights.tolist()
         disturbance = np.zeros((m2, m2))
-        for weight, group in zip(others, moments.groups(), strict=True):
+        for weight, group in zip(others, moments.groups(local), strict=True):
             disturbance += group / weight
         scaled = local._replace(covariances=local.covariances[:1] / own)
         found, latest = best_gains(scaled, moments.slope, disturbance, Q + moments.drift / drift)
@@ -205,7 +200,7 @@ def _traces(gains: Matrix, local: Local, moments: Moments) -> np.ndarray:
     """Return the trace of each of the seven groups in the next error."""
     closed = local.F - gains.dot(moments.slope)
     own = np.vdot(closed.dot(local.covariances[0]), closed)
-    let_in = [float(np.vdot(gains.dot(group), gains)) for group in moments.groups()]
+    let_in = [float(np.vdot(gains.dot(group), gains)) for group in moments.groups(local)]
     return np.array([own, np.trace(moments.drift), *let_in])
 
 
@@ -222,7 +217,7 @@ def _bound_of(gains: Matrix, local: Local, moments: Moments, Q: Matrix) -> Matri
     weights = _weights(_traces(gains, local, moments))
     closed = local.F - gains.dot(moments.slope)
     bound = Q + closed.dot(local.covariances[0]).dot(closed.T) / weights[0] + moments.drift / weights[1]
-    for weight, group in zip(weights[2:].tolist(), moments.groups(), strict=True):
+    for weight, group in zip(weights[2:].tolist(), moments.groups(local), strict=True):
         bound = bound + gains.dot(group).dot(gains.T) / weight
     symmetric: Matrix = 0.5 * (bound + bound.T)
     return symmetric

@@ -9,6 +9,7 @@ import numpy as np
 
 from bus.packets import Packet, Vector
 from nodes.contract import Matrix
+from nodes.lapack import dpotrf
 
 SENT, QUIET, UNMEASURED = 1.0, 0.0, -1.0
 
@@ -89,24 +90,17 @@ class Memory:
                 self._last.pop(name, None)
             elif values[layout.flag] == SENT:
                 self._last[name] = layout.sent(values)
-        names = [name for name in self._last if arrived[name][layout.flag] != UNMEASURED]
-        names.sort()
+        names = sorted(name for name in self._last if arrived[name][layout.flag] != UNMEASURED)
         if not names:
             return self._none()
-        heard = self._heard(names, arrived)
-        try:
-            np.linalg.cholesky(heard.bounds)
-        except np.linalg.LinAlgError:
-            for name, bound in zip(names, heard.bounds, strict=True):
-                if np.linalg.eigvalsh(bound)[0] <= 0.0:
+        states, bounds, slacks = layout.read([arrived[name] for name in names])
+        sound = [dpotrf(bound)[1] == 0 for bound in bounds]
+        if not all(sound):
+            for name, fits in zip(names, sound, strict=True):
+                if not fits:
                     del self._last[name]
-            names = [name for name in names if name in self._last]
-            return self._heard(names, arrived) if names else self._none()
-        return heard
-
-    def _heard(self, names: Sequence[str], arrived: Mapping[str, Vector]) -> Heard:
-        read = self._layout.read([arrived[name] for name in names])
-        return Heard(tuple(names), *read, np.array([self._last[name] for name in names]))
+            return self.take(step, [packet for packet in packets if packet.source in self._last])
+        return Heard(tuple(names), states, bounds, slacks, np.array([self._last[name] for name in names]))
 
     def _none(self) -> Heard:
         n, m = self._layout.states, self._layout.outputs

@@ -9,7 +9,6 @@ from nodes.estimators.event_triggered_extended_kalman import GainDesign
 from nodes.estimators.gain_knowledge import Deception, Shares
 from nodes.estimators.gain_riccati import (
     Riccati,
-    added,
     best_gains,
     residual_moments,
     second_moments,
@@ -61,16 +60,20 @@ def test_the_groups_are_the_sums_that_define_them(known):
             "noise": sum(T[j] @ noise[j] @ T[j].T for j in range(members)),
             "drift": local.remainder**2 * heading[0] * np.diag([1.0, 1.0, 0.0]),
         }
-        found = second_moments(local, PAPER)._asdict()
+        moments = second_moments(local, PAPER)
+        names = ("known", "remainder", "value", "trigger", "noise")
+        found = dict(zip(names, moments.groups(local), strict=True))
+        found |= {"slope": moments.slope, "drift": moments.drift}
         for name, value in expected.items():
             np.testing.assert_allclose(found[name], value, rtol=1e-10, atol=1e-10, err_msg=name)
+        np.testing.assert_allclose(moments.added(local), sum(moments.groups(local)), rtol=1e-10)
 
 
 def test_no_other_gains_have_a_smaller_bound(known):
     rng = np.random.default_rng(0)
     for local in known[5::9]:
         for moments in (second_moments(local, PAPER), residual_moments(local, PAPER)):
-            S, P = added(moments), local.covariances[0]
+            S, P = moments.added(local), local.covariances[0]
             found = best_gains(local, moments.slope, S, Q)
 
             def bound(gains, moments=moments, S=S, P=P, F=local.F):
@@ -102,7 +105,7 @@ def test_against_a_weak_attack_the_guaranteed_gains_are_active_and_bound_every_c
         assert np.trace(found.bound) < 0.5 * np.trace(wide.F @ wide.covariances[0] @ wide.F.T)
         closed = wide.F - found.matrix @ moments.slope
         blocks = [closed @ wide.covariances[0] @ closed.T, moments.drift]
-        blocks += [found.matrix @ group @ found.matrix.T for group in moments.groups()]
+        blocks += [found.matrix @ group @ found.matrix.T for group in moments.groups(wide)]
         for direction in rng.normal(size=(200, 3)):
             together = sum(np.sqrt(max(direction @ block @ direction, 0.0)) for block in blocks)
             bound = direction @ (found.bound - Q) @ direction
@@ -111,9 +114,9 @@ def test_against_a_weak_attack_the_guaranteed_gains_are_active_and_bound_every_c
 
 def test_an_attack_that_is_not_assumed_changes_nothing_and_leaves_the_noise(known):
     shares = Shares.of(None, 2)
-    moments = second_moments(known[9]._replace(remainders=np.zeros(8), slack=np.zeros(8)), shares)
-    T = selections(8)
-    np.testing.assert_allclose(moments.noise, sum(t @ t.T for t in T))
+    local = known[9]._replace(remainders=np.zeros(8), slack=np.zeros(8))
+    moments = second_moments(local, shares)
+    np.testing.assert_allclose(moments.groups(local)[-1], sum(t @ t.T for t in selections(8)))
     assert not moments.value.any()
     assert not moments.trigger.any()
 
