@@ -9,7 +9,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from benchmarks import hybrid
+from benchmarks import deception, hybrid
 from benchmarks.comparison import Comparison, at_most
 from benchmarks.effort import Effort
 from benchmarks.networks import load_text, network, ring, run_counting, tanks
@@ -68,6 +68,7 @@ def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
             samples[name].append(_method_us(plan))
     with threadpool_limits(limits=1, user_api="blas"):
         hybrid_rows = hybrid.measure(effort)
+        deception_rows = deception.measure(effort, _method_us)
     unit = "µs/node step"
     by_size = Comparison(
         "g",
@@ -82,6 +83,7 @@ def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
         by_size,
         *(Comparison("g", f"{name}: mathematics alone", unit, samples[name]) for name in methods),
         *hybrid_rows,
+        *deception_rows,
     ]
 
 

@@ -73,7 +73,7 @@ class Linearised(NamedTuple):
 class Bank(Protocol):
     """Several sensors that are linearised at once."""
 
-    def linearised(self, which: Sequence[int], states: Matrix, covariances: np.ndarray) -> Linearised:
+    def linearised(self, which: tuple[int, ...], states: Matrix, covariances: np.ndarray) -> Linearised:
         """Linearise some of the sensors, each at its estimate (M, n) with covariance (M, n, n)."""
         ...
 
@@ -84,7 +84,7 @@ class SensorBank:
     def __init__(self, sensors: Sequence[NonlinearSensor]) -> None:
         self._sensors = list(sensors)
 
-    def linearised(self, which: Sequence[int], states: Matrix, covariances: np.ndarray) -> Linearised:
+    def linearised(self, which: tuple[int, ...], states: Matrix, covariances: np.ndarray) -> Linearised:
         """Linearise some of the sensors, each at its estimate (M, n) with covariance (M, n, n)."""
         places = list(zip((self._sensors[i] for i in which), states, covariances, strict=True))
         return Linearised(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from bus.packets import Packet, Vector
 from nodes.contract import Belief, Matrix, NonlinearPlant, NonlinearSensor, Setting
 from nodes.estimators.arrivals import measurements
 from nodes.estimators.dead_reckoning import start
-from nodes.estimators.gain_knowledge import Deception, Design, Local, Shares
+from nodes.estimators.gain_knowledge import Deception, Design, Local, Shares, stacked
 from nodes.estimators.gain_lmi import Lmi
 from nodes.estimators.gain_riccati import Riccati
 from nodes.estimators.innovation_exchange import QUIET, SENT, UNMEASURED, Heard, Layout, Memory
@@ -115,7 +116,7 @@ class EventTriggeredExtendedKalman:
         self._source, self._sensor = next(iter(setting.sensors)), sensors[0]
         n, self._m = len(setting.plant.initial_mean), len(self._sensor.R)
         self._bank = bank_of(sensors)
-        self._noise = np.array([sensor.R for sensor in sensors])
+        self._noise_of = lru_cache(maxsize=64)(lambda which: np.array([sensors[i].R for i in which]))
         self._place = {name: 1 + i for i, name in enumerate(sorted(setting.neighbours))}
         self._linearisation = _Linearisation(self._plant)
         Q = self._plant.Q if process_noise is None else process_noise.covariance_matrix(n)
@@ -136,6 +137,7 @@ class EventTriggeredExtendedKalman:
         self._last: Vector = np.zeros(self._m)
         self._slack = 0.0
         self._heard = 0
+        self._payload = np.zeros(self._layout.quiet)
         self._measured = self._sent = False
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
@@ -143,25 +145,24 @@ class EventTriggeredExtendedKalman:
         current = measurements(step, packets, {self._source: self._m})
         self._measured, self._sent, self._slack = bool(current), False, 0.0
         if not current:
-            return self._layout.payload(self._state, self._bound, UNMEASURED, 0.0, None)
+            return self._told(UNMEASURED, None)
         innovation = current[-1].values - self._sensor.measure(self._state[None])[0]
         disagreement = self._disagreement()
         self._sent = self._trigger is None or self._trigger.sends(step, innovation, disagreement)
         if self._sent:
             self._last = innovation
-            return self._layout.payload(self._state, self._bound, SENT, 0.0, innovation)
+            return self._told(SENT, innovation)
         self._slack = self._unheard(innovation, disagreement)
-        return self._layout.payload(self._state, self._bound, QUIET, self._slack, None)
+        return self._told(QUIET, None)
 
     def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
         """Choose the gains, and predict the next state by innovations of the node and its neighbours."""
-        heard = self._memory.take(step, packets)
+        heard = self._memory.take(step, self._payload, self._last, packets)
         self._heard = len(heard.names)
         local = self._local(heard)
         gains = self._design.gains(local)
-        own = self._last if self._measured else np.zeros(self._m)
-        both = np.concatenate((own, heard.innovations.sum(axis=0) - local.neighbours * own))
-        self._state = self._plant.transition(self._state[None])[0] + gains.matrix.dot(both)
+        moved = self._plant.transition(heard.states[:1])[0]
+        self._state = moved + gains.matrix.dot(stacked(heard.innovations, local))
         self._bound = gains.bound
         return None
 
@@ -183,6 +184,11 @@ class EventTriggeredExtendedKalman:
             diagnostics["solver_failures"] = float(design.failures)
         return Belief(self._state, covariance, refers_to=step + 1, diagnostics=diagnostics)
 
+    def _told(self, flag: float, innovation: Vector | None) -> Vector:
+        """Return the payload of this step."""
+        self._payload = self._layout.payload(self._state, self._bound, flag, self._slack, innovation)
+        return self._payload
+
     def _disagreement(self) -> Vector:
         """Return ``Psi_i`` (m,) of the innovations that were last sent."""
         others = self._memory.innovations.values()
@@ -198,11 +204,9 @@ class EventTriggeredExtendedKalman:
 
     def _local(self, heard: Heard) -> Local:
         """Return what the node knows in this step of itself and of the neighbours that it heard."""
-        states = np.concatenate((self._state[None], heard.states))
-        covariances = np.concatenate((self._bound[None], heard.bounds))
-        which = [0, *(self._place[name] for name in heard.names)]
+        which = (0, *[self._place[name] for name in heard.names])
         F, remainder, directions, driver = self._linearisation.at(self._state, self._bound)
-        values, slopes, remainders = self._bank.linearised(which, states, covariances)
+        values, slopes, remainders = self._bank.linearised(which, heard.states, heard.bounds)
         return Local(
             F,
             remainder,
@@ -211,10 +215,10 @@ class EventTriggeredExtendedKalman:
             values,
             slopes,
             remainders,
-            self._noise[which],
-            self._state - states,
-            covariances,
-            np.concatenate(([self._slack], heard.slacks)),
+            self._noise_of(which),
+            self._state - heard.states,
+            heard.bounds,
+            heard.slacks,
             self._unsaid,
             self._measured,
         )

@@ -7,7 +7,7 @@ neighbours know: see docs/zhou2020.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
@@ -54,6 +54,21 @@ class Shares:
     def passed(self) -> Vector:
         """The mean share (m,) of a measurement that is left, ``1 - mean``."""
         return 1.0 - self.mean
+
+    @cached_property
+    def passed_square(self) -> Vector:
+        """The square (m,) of `passed`."""
+        return self.passed * self.passed
+
+    @cached_property
+    def coherent(self) -> Vector:
+        """Twice the square (m,) of the mean share, times that of the value's bound."""
+        return (2.0 * self.value**2) * (self.mean * self.mean)
+
+    @cached_property
+    def spread(self) -> Vector:
+        """Three times the shares' variance (m,)."""
+        return 3.0 * self.variance
 
     @cached_property
     def unit(self) -> Matrix:
@@ -141,24 +156,32 @@ class Design(Protocol):
         ...
 
 
+@lru_cache(maxsize=256)
+def _sums(members: int, measured: bool) -> tuple[Matrix, Matrix]:
+    """Return what makes, of one row a member, innovation and disagreement, then own and others; (2, M)."""
+    apart = np.zeros((2, members))
+    apart[0, 0] = float(measured)
+    apart[1, 1:] = 1.0
+    compared = apart.copy()
+    compared[1, 0] = -float(members - 1) if measured else 0.0
+    return compared, apart
+
+
 def stacked(by_member: np.ndarray, local: Local) -> Matrix:
     """Return ``sum_j T_j x_j`` (2 m, ...) of one x (m, ...) a member: ``(x_i, sum over N of x_j - x_i)``."""
-    own = by_member[0]
-    if not local.measured:
-        return np.concatenate((np.zeros_like(own), by_member[1:].sum(axis=0)))
-    return np.concatenate((own, by_member[1:].sum(axis=0) - local.neighbours * own))
+    members, m = by_member.shape[:2]
+    compared, _ = _sums(members, local.measured)
+    both: Matrix = compared.dot(by_member.reshape(members, -1)).reshape(2 * m, *by_member.shape[2:])
+    return both
 
 
 def stacked_square(by_member: np.ndarray, local: Local) -> Matrix:
     """Return ``sum_j T_j X_j T_j'`` (2 m, 2 m) of one symmetric X (m, m) a member."""
-    m = by_member.shape[1]
-    whole = np.zeros((2 * m, 2 * m))
-    others = by_member[1:].sum(axis=0)
-    if local.measured:
-        own, d = by_member[0], local.neighbours
-        whole[:m, :m] = own
-        whole[:m, m:] = whole[m:, :m] = -d * own
-        whole[m:, m:] = d * d * own + others
-    else:
-        whole[m:, m:] = others
+    members, m = by_member.shape[:2]
+    d = float(local.neighbours)
+    own, others = _sums(members, local.measured)[1].dot(by_member.reshape(members, -1)).reshape(2, m, m)
+    whole = np.empty((2 * m, 2 * m))
+    whole[:m, :m] = own
+    whole[:m, m:] = whole[m:, :m] = -d * own
+    whole[m:, m:] = d * d * own + others
     return whole

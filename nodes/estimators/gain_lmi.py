@@ -21,7 +21,7 @@ from nodes.estimators.gain_programs import (
     nominal_program,
     require_solvers,
 )
-from nodes.estimators.gain_riccati import Riccati, second_moments
+from nodes.estimators.gain_riccati import Riccati, nominal
 from nodes.linear_algebra import square_root
 
 Variant = Literal["nominal", "moment", "sector"]
@@ -146,14 +146,14 @@ class Lmi:
     def _nominal(self, local: Local) -> dict[str, np.ndarray]:
         """Return the parameters of the nominal program."""
         factor, units = scaled(local, self._Q)
-        moments = second_moments(as_moments(local), self._shares)
+        slope, disturbance = nominal(as_moments(local), self._shares)
         driver = factor.T @ local.driver
         return {
             "F": local.F @ factor / units[:, None],
-            "H": moments.slope @ factor,
+            "H": slope @ factor,
             "drift": local.remainder * local.directions / units[:, None],
             "driver": np.outer(driver, driver),
-            "S": square_root(moments.added(as_moments(local))),
+            "S": square_root(disturbance),
             "Q": square_root(self._Q) / units[:, None],
             "weights": self._costs(units),
         }

@@ -7,6 +7,7 @@ these *groups* has a second moment that a node can bound from what it and its ne
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -43,12 +44,6 @@ class Moments(NamedTuple):
         by_member = (self.remainder, self.value, self.trigger, self.noise)
         return (np.outer(self.known, self.known), *(stacked_square(each, local) for each in by_member))
 
-    def added(self, local: Local) -> Matrix:
-        """Return the sum (2 m, 2 m) of the groups that the gains let in."""
-        by_member = self.remainder + self.value + self.trigger + self.noise
-        whole: Matrix = stacked_square(by_member, local) + self.known[:, None] * self.known
-        return whole
-
 
 class Riccati:
     """The closed-form design.
@@ -83,11 +78,9 @@ class Riccati:
         """Return gains and bound for the step that follows."""
         if self._variant == "adversarial":
             return adversarial(local, second_moments(local, self._shares), self._Q)
-        if self._variant == "residual":
-            moments = residual_moments(local, self._shares)
-        else:
-            moments = second_moments(local, self._shares)
-        return best_gains(local, moments.slope, moments.added(local), self._Q + moments.drift)
+        sums = residual if self._variant == "residual" else nominal
+        slope, disturbance = sums(local, self._shares)
+        return best_gains(local, slope, disturbance, self._Q + _drift(local))
 
 
 def second_moments(local: Local, shares: Shares) -> Moments:
@@ -95,7 +88,7 @@ def second_moments(local: Local, shares: Shares) -> Moments:
     passed, members = shares.passed, len(local.values)
     unit = shares.unit
     slopes = passed[:, None] * local.slopes
-    shifts = (slopes * local.differences[:, None, :]).sum(axis=2) - shares.mean * local.values
+    shifts = row_sums(slopes * local.differences[:, None, :]) - shares.mean * local.values
     remainder = local.remainders * local.remainders * _heading_variance(local)
     bounds = np.abs(local.values) + shares.value
     own = (3.0 * shares.variance) * (_projected(local) + remainder[:, None] + bounds * bounds)
@@ -111,23 +104,57 @@ def second_moments(local: Local, shares: Shares) -> Moments:
     )
 
 
-def residual_moments(local: Local, shares: Shares) -> Moments:
-    """Return the groups with the true loop gain: all of the attack stands in the residual."""
-    unit = shares.unit
-    shifts = (local.slopes * local.differences[:, None, :]).sum(axis=2)
+def nominal(local: Local, shares: Shares) -> tuple[Matrix, Matrix]:
+    """Return the slope (2 m, n) of `second_moments`, and the sum (2 m, 2 m) of its groups.
+
+    It is what each step of the nominal design needs, and takes half the time.
+    """
+    slopes = shares.passed[:, None] * local.slopes
+    shifts = row_sums(slopes * local.differences[:, None, :]) - shares.mean * local.values
+    remainder = (local.remainders * local.remainders * _heading_variance(local))[:, None]
+    bounds = np.abs(local.values) + shares.value
+    members = len(bounds)
+    diagonals = shares.spread * (_projected(local) + remainder + bounds * bounds)
+    diagonals += members * (remainder * shares.passed_square + shares.coherent)
+    return stacked(slopes, local), _summed(local, shares, shifts, diagonals, float(members))
+
+
+def residual(local: Local, shares: Shares) -> tuple[Matrix, Matrix]:
+    """Return the slope (2 m, n) and the disturbance (2 m, 2 m) with the true loop gain.
+
+    All of the attack stands in the residual.
+    """
+    shifts = row_sums(local.slopes * local.differences[:, None, :])
     attacked = shares.variance + shares.mean * shares.mean
-    own = attacked * (local.values**2 + shares.value**2 + _projected(local))
-    own = own + (local.remainders * local.remainders * _heading_variance(local))[:, None]
-    nothing = np.zeros_like(local.noise)
-    return Moments(
-        stacked(local.slopes, local),
-        stacked(shifts, local),
-        nothing,
-        nothing,
-        (0.5 * local.slack)[:, None, None] * local.unsaid,
-        local.noise * shares.noise_factor + own[:, :, None] * unit,
-        _drift(local),
-    )
+    diagonals = attacked * (local.values**2 + shares.value**2 + _projected(local))
+    diagonals += (local.remainders * local.remainders * _heading_variance(local))[:, None]
+    return stacked(local.slopes, local), _summed(local, shares, shifts, diagonals, 0.5)
+
+
+def _summed(local: Local, shares: Shares, shifts: Matrix, diagonals: Matrix, silence: float) -> Matrix:
+    """Return the sum (2 m, 2 m) of what enters by member.
+
+    Known means ``shifts`` (M, m), uncorrelated ``diagonals`` (M, m), noise, and ``silence`` times what the
+    triggers left unsaid.
+    """
+    by_member = diagonals[:, :, None] * shares.unit
+    by_member += local.noise * shares.noise_factor
+    by_member += (silence * local.slack)[:, None, None] * local.unsaid
+    known = stacked(shifts, local)
+    whole = stacked_square(by_member, local)
+    whole += known[:, None] * known
+    return whole
+
+
+def row_sums(array: np.ndarray) -> Matrix:
+    """Return the sums over the last axis, which is short: by a product, in a third of the time."""
+    sums: Matrix = array.dot(_ones(array.shape[-1]))
+    return sums
+
+
+@lru_cache(maxsize=64)
+def _ones(size: int) -> Vector:
+    return np.ones(size)
 
 
 def _heading_variance(local: Local) -> np.ndarray:
@@ -138,7 +165,7 @@ def _heading_variance(local: Local) -> np.ndarray:
 
 def _projected(local: Local) -> Matrix:
     """Return the diagonals of ``H_j P_j H_j'`` (M, m)."""
-    projected: Matrix = (np.matmul(local.slopes, local.covariances) * local.slopes).sum(axis=2)
+    projected: Matrix = row_sums(np.matmul(local.slopes, local.covariances) * local.slopes)
     return projected
 
 

@@ -47,13 +47,13 @@ class Layout:
         bounds[:, rows, columns] = bounds[:, columns, rows] = fixed[:, self._triangle]
         return np.ascontiguousarray(fixed[:, : self.states]), bounds, fixed[:, self.flag + 1]
 
-    def sent(self, values: Vector) -> Vector:
-        """Return the innovation of a payload that holds one."""
-        return values[self.quiet :]
-
 
 class Heard(NamedTuple):
-    """The neighbours that can be used in a step: their names, states, bounds, slacks, last innovations."""
+    """A node itself, and then the neighbours that it can use in a step.
+
+    ``names`` are the neighbours' alone; the rest, states, bounds, slacks and last sent innovations, has a row
+    for each member.
+    """
 
     names: tuple[str, ...]
     states: Matrix
@@ -80,28 +80,26 @@ class Memory:
         """The innovations (m,) that count, by neighbour."""
         return self._last
 
-    def take(self, step: int, packets: Sequence[Packet]) -> Heard:
-        """Take the neighbours' slots of a step; of several packets from one of them the last counts."""
-        layout = self._layout
+    def take(self, step: int, own: Vector, last: Vector, packets: Sequence[Packet]) -> Heard:
+        """Take the neighbours' slots of a step; of several packets from one of them the last counts.
+
+        ``own`` is the node's own payload, and ``last`` the innovation that it last sent.
+        """
+        layout, known = self._layout, self._last
         arrived = {p.source: p.values for p in packets if p.sent_step == step and layout.fits(p.values)}
+        names = []
         for name in self._neighbours:
             values = arrived.get(name)
             if values is None:
-                self._last.pop(name, None)
-            elif values[layout.flag] == SENT:
-                self._last[name] = layout.sent(values)
-        names = sorted(name for name in self._last if arrived[name][layout.flag] != UNMEASURED)
-        if not names:
-            return self._none()
-        states, bounds, slacks = layout.read([arrived[name] for name in names])
-        sound = [dpotrf(bound)[1] == 0 for bound in bounds]
-        if not all(sound):
-            for name, fits in zip(names, sound, strict=True):
-                if not fits:
-                    del self._last[name]
-            return self.take(step, [packet for packet in packets if packet.source in self._last])
-        return Heard(tuple(names), states, bounds, slacks, np.array([self._last[name] for name in names]))
-
-    def _none(self) -> Heard:
-        n, m = self._layout.states, self._layout.outputs
-        return Heard((), np.zeros((0, n)), np.zeros((0, n, n)), np.zeros(0), np.zeros((0, m)))
+                known.pop(name, None)
+                continue
+            if values.size == layout.full:
+                known[name] = values[layout.quiet :]
+            if name in known and values[layout.flag] != UNMEASURED:
+                names.append(name)
+        states, bounds, slacks = layout.read([own, *[arrived[name] for name in names]])
+        indefinite = [name for name, bound in zip(names, bounds[1:], strict=True) if dpotrf(bound)[1] != 0]
+        if indefinite:
+            return self.take(step, own, last, [p for p in packets if p.source not in indefinite])
+        innovations = np.array([last, *[known[name] for name in names]])
+        return Heard(tuple(names), states, bounds, slacks, innovations)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
@@ -88,11 +89,12 @@ class CeilingCamera(GaussianNoise):
 
     def measure(self, states: Matrix, signals: Matrix | None = None) -> Matrix:
         """Return the coordinates (N, 2) for each of N states (N, 3); no signal of an attack enters."""
-        return _pictured(self.position, self.scale, self.offset, states)[0]
+        pictured: Matrix = self.scale * (_seen(self.position, states)[0] - self.offset)
+        return pictured
 
     def jacobian(self, state: Vector) -> Matrix:
         """Return the derivative (2, 3) of the coordinates at a state (3,)."""
-        derivative: Matrix = _slopes(self.scale, state[None], _seen(self.position, state[None]))[0]
+        derivative: Matrix = _slopes(self.scale, *_seen(self.position, state[None]))[0]
         return derivative
 
     def remainder_bound(self, state: Vector, covariance: Matrix) -> float:
@@ -115,55 +117,52 @@ class CameraBank:
     """Several cameras that are linearised at once, each at an estimate of its own."""
 
     def __init__(self, cameras: Sequence[CeilingCamera]) -> None:
-        self._position = np.array([camera.position for camera in cameras])
-        self._scale = np.array([camera.scale for camera in cameras])
-        self._largest = self._scale.max(axis=1)
-        self._offset = np.array([camera.offset for camera in cameras])
+        self._cameras = list(cameras)
+        self._stacked = lru_cache(maxsize=64)(self._stack)
 
-    def linearised(self, which: Sequence[int], states: Matrix, covariances: np.ndarray) -> Linearised:
+    def _stack(self, which: tuple[int, ...]) -> tuple[Matrix, Matrix, Matrix, Vector]:
+        """Return positions, scales and offsets (M, 2), and the larger scales (M,), of some cameras."""
+        chosen = [self._cameras[i] for i in which]
+        position, scale, offset = (
+            np.array([getattr(camera, name) for camera in chosen]) for name in ("position", "scale", "offset")
+        )
+        return position, scale, offset, scale.max(axis=1)
+
+    def linearised(self, which: tuple[int, ...], states: Matrix, covariances: np.ndarray) -> Linearised:
         """Linearise some of the cameras, each at its estimate (M, 3) with covariance (M, 3, 3)."""
-        index = np.array(which)
-        position, scale = self._position[index], self._scale[index]
-        values, seen = _pictured(position, scale, self._offset[index], states)
+        position, scale, offset, largest = self._stacked(which)
+        seen, sine, cosine = _seen(position, states)
         along_x, across, along_y = covariances[:, 0, 0], covariances[:, 0, 1], covariances[:, 1, 1]
-        spread = np.hypot(0.5 * (along_x - along_y), across)
-        radius = np.sqrt(0.5 * (along_x + along_y) + spread)
+        radius = np.sqrt(0.5 * (along_x + along_y + np.hypot(along_x - along_y, across + across)))
         turned = np.minimum(0.5 * np.sqrt(covariances[:, 2, 2]), LARGEST_ROTATION_REMAINDER)
-        distance = np.hypot(seen[:, 0], seen[:, 1])
-        remainders = self._largest[index] * (turned * distance + radius)
-        return Linearised(values, _slopes(scale, states, seen), remainders)
+        remainders = largest * (turned * np.hypot(seen[:, 0], seen[:, 1]) + radius)
+        return Linearised(scale * (seen - offset), _slopes(scale, seen, sine, cosine), remainders)
 
 
-def _seen(position: np.ndarray, states: Matrix) -> Matrix:
-    """Return where marks are in the robot's frame (N, 2): to its left, and behind it (m)."""
+def _seen(position: np.ndarray, states: Matrix) -> tuple[Matrix, Vector, Vector]:
+    """Return where marks are in the robot's frame (N, 2): to its left, and behind it (m).
+
+    Then sine and cosine (N,) of its heading.
+    """
     reach = position - states[:, :2]
     sine, cosine = np.sin(states[:, 2]), np.cos(states[:, 2])
     seen: Matrix = np.empty((len(states), 2))
-    seen[:, 0] = reach[:, 1] * cosine - reach[:, 0] * sine
-    seen[:, 1] = -reach[:, 0] * cosine - reach[:, 1] * sine
-    return seen
+    ahead, aside = reach[:, 0], reach[:, 1]
+    seen[:, 0] = aside * cosine - ahead * sine
+    seen[:, 1] = -ahead * cosine - aside * sine
+    return seen, sine, cosine
 
 
-def _pictured(
-    position: np.ndarray, scale: np.ndarray, offset: np.ndarray, states: Matrix
-) -> tuple[Matrix, Matrix]:
-    """Return coordinates (N, 2) in the picture (px), and in the robot's frame (m)."""
-    seen = _seen(position, states)
-    return scale * (seen - offset), seen
-
-
-def _slopes(scale: np.ndarray, states: Matrix, seen: Matrix) -> np.ndarray:
+def _slopes(scale: np.ndarray, seen: Matrix, sine: Vector, cosine: Vector) -> np.ndarray:
     """Return the derivatives (N, 2, 3) of the coordinates in the picture.
 
     By the heading, what lies to the left moves back and what lies behind moves to the left.
     """
-    sine, cosine = np.sin(states[:, 2]), np.cos(states[:, 2])
-    slopes = np.empty((len(states), 2, 3))
-    slopes[:, 0, 0] = sine
+    slopes = np.empty((len(seen), 2, 3))
+    slopes[:, 0, 0] = slopes[:, 1, 1] = sine
+    slopes[:, 1, 0] = cosine
     slopes[:, 0, 1] = -cosine
     slopes[:, 0, 2] = seen[:, 1]
-    slopes[:, 1, 0] = cosine
-    slopes[:, 1, 1] = sine
     slopes[:, 1, 2] = -seen[:, 0]
     slopes *= scale[..., None]
     return slopes

@@ -10,7 +10,8 @@ from nodes.estimators.gain_knowledge import Deception, Shares
 from nodes.estimators.gain_riccati import (
     Riccati,
     best_gains,
-    residual_moments,
+    nominal,
+    residual,
     second_moments,
 )
 from tests.nodes.estimators.camera_network import ATTACK, cameras, locals_of
@@ -66,18 +67,20 @@ def test_the_groups_are_the_sums_that_define_them(known):
         found |= {"slope": moments.slope, "drift": moments.drift}
         for name, value in expected.items():
             np.testing.assert_allclose(found[name], value, rtol=1e-10, atol=1e-10, err_msg=name)
-        np.testing.assert_allclose(moments.added(local), sum(moments.groups(local)), rtol=1e-10)
+        slope, together = nominal(local, PAPER)
+        np.testing.assert_array_equal(slope, moments.slope)
+        np.testing.assert_allclose(together, sum(moments.groups(local)), rtol=1e-10)
 
 
 def test_no_other_gains_have_a_smaller_bound(known):
     rng = np.random.default_rng(0)
     for local in known[5::9]:
-        for moments in (second_moments(local, PAPER), residual_moments(local, PAPER)):
-            S, P = moments.added(local), local.covariances[0]
-            found = best_gains(local, moments.slope, S, Q)
+        for slope, S in (nominal(local, PAPER), residual(local, PAPER)):
+            P = local.covariances[0]
+            found = best_gains(local, slope, S, Q)
 
-            def bound(gains, moments=moments, S=S, P=P, F=local.F):
-                closed = F - gains @ moments.slope
+            def bound(gains, slope=slope, S=S, P=P, F=local.F):
+                closed = F - gains @ slope
                 return Q + closed @ P @ closed.T + gains @ S @ gains.T
 
             np.testing.assert_allclose(found.bound, bound(found.matrix), rtol=1e-8, atol=1e-12)

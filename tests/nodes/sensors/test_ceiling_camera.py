@@ -60,7 +60,7 @@ def test_several_cameras_at_once_are_linearised_as_one_after_the_other():
     states, covariances = rng.normal(size=(2, 3)), roots @ roots.swapaxes(1, 2)
     bank = bank_of(sensors)
     assert isinstance(bank, CameraBank)
-    one, other = (each.linearised([2, 0], states, covariances) for each in (bank, SensorBank(sensors)))
+    one, other = (each.linearised((2, 0), states, covariances) for each in (bank, SensorBank(sensors)))
     for a, b in zip(one, other, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12)
 
