@@ -115,36 +115,28 @@ def nominal_program(sizes: Sizes) -> Program:
     """
     cp = _cvxpy()
     n, m2, q = sizes.states, 2 * sizes.outputs, sizes.drift
-    F, Q = cp.Parameter((n, n)), cp.Parameter((n, n))
-    H, S = cp.Parameter((m2, n)), cp.Parameter((m2, m2))
-    drift, driver = cp.Parameter((n, q)), cp.Parameter((n, n))
+    shapes = {"F": (n, n), "H": (m2, n), "drift": (n, q), "driver": (n, n), "S": (m2, m2), "Q": (n, n)}
+    given = {name: cp.Parameter(shape) for name, shape in shapes.items()}
     weights = cp.Parameter(n, nonneg=True)
     bound, gains = cp.Variable((n, n), symmetric=True), cp.Variable((n, m2))
     own, remainder = cp.Variable(nonneg=True), cp.Variable(nonneg=True)
     noise, process = cp.Variable((m2, m2), symmetric=True), cp.Variable((n, n), symmetric=True)
-    error = F - gains @ H
+    error, let_in = given["F"] - gains @ given["H"], gains @ given["S"]
+    drift = given["drift"]
     inequalities = [
         cp.bmat(
             [
                 [bound, error, drift],
-                [error.T, own * np.eye(n) - remainder * driver, np.zeros((n, q))],
+                [error.T, own * np.eye(n) - remainder * given["driver"], np.zeros((n, q))],
                 [drift.T, np.zeros((q, n)), remainder * np.eye(q)],
             ]
         ),
-        cp.bmat([[bound, gains @ S], [(gains @ S).T, noise]]),
-        cp.bmat([[bound, Q], [Q.T, process]]),
+        cp.bmat([[bound, let_in], [let_in.T, noise]]),
+        cp.bmat([[bound, given["Q"]], [given["Q"].T, process]]),
     ]
     return Program(
         {
-            "parameters": {
-                "F": F,
-                "Q": Q,
-                "H": H,
-                "S": S,
-                "drift": drift,
-                "driver": driver,
-                "weights": weights,
-            },
+            "parameters": given | {"weights": weights},
             "gains": gains,
             "bound": bound,
             "inequalities": inequalities,
@@ -217,53 +209,72 @@ def bounded_program(sizes: Sizes, *, sector: bool) -> Program:
     cp = _cvxpy()
     n, m, M = sizes.states, sizes.outputs, sizes.members
     columns = Columns(sizes, sector=sector)
-    opened, let_in = cp.Parameter((n, columns.total)), cp.Parameter((2 * m, columns.total))
-    driven = cp.Parameter(((1 + n) ** 2, 1 + M))
-    weights = cp.Parameter(n, nonneg=True)
-    parameters = {"open": opened, "let_in": let_in, "driven": driven, "weights": weights}
+    parameters = {
+        "open": cp.Parameter((n, columns.total)),
+        "let_in": cp.Parameter((2 * m, columns.total)),
+        "driven": cp.Parameter(((1 + n) ** 2, 1 + M)),
+        "weights": cp.Parameter(n, nonneg=True),
+    }
     bound, gains = cp.Variable((n, n), symmetric=True), cp.Variable((n, 2 * m))
     balls = cp.Variable(2 + 2 * M + M * m, nonneg=True)
-    remainders = cp.Variable(1 + M, nonneg=True)
-    channels = cp.Variable(M * m, nonneg=True)
-    first = np.eye(columns.total)[0]
-    diagonal = first + _ball_diagonals(sizes, columns) @ balls
+    remainders, channels = cp.Variable(1 + M, nonneg=True), cp.Variable(M * m, nonneg=True)
+    diagonal = np.eye(columns.total)[0] + _ball_diagonals(sizes, columns) @ balls
     diagonal += _remainder_diagonals(sizes, columns) @ remainders
     head = columns.picked(columns.one, columns.error)
-    lam = -head.T @ cp.reshape(driven @ remainders, (1 + n, 1 + n), order="C") @ head
+    driven = cp.reshape(parameters["driven"] @ remainders, (1 + n, 1 + n), order="C")
+    lam = cp.diag(diagonal) - head.T @ driven @ head
     inequalities = []
     if sector:
-        forms = parameters["sectors"] = cp.Parameter((M * m, columns.total))
-        picked = columns.picked(columns.by_member["sector"])
-        diagonal += picked.T @ channels
-        crossed = picked.T @ cp.multiply(
-            cp.reshape(channels, (M * m, 1), order="C") @ np.ones((1, columns.total)), forms
-        )
-        lam -= 0.5 * (crossed + crossed.T)
+        lam += _sector_form(cp, parameters, columns, channels)
     else:
-        size = 1 + n + 3 * m
-        squares = parameters["residuals"] = cp.Parameter((size**2, M * m))
-        entries = parameters["channels"] = cp.Parameter((2 * m, M * m))
-        for j in range(M):
-            own = slice(j * m, (j + 1) * m)
-            places = [columns.of(name, j, m) for name in ("remainder", "noise", "value")]
-            picked = columns.picked(columns.one, columns.error, *places)
-            lam -= picked.T @ cp.reshape(squares[:, own] @ channels[own], (size, size), order="C") @ picked
-        spread = gains @ entries
-        for s in range(M * m):
-            column = cp.reshape(spread[:, s], (n, 1), order="C")
-            inequalities.append(
-                cp.bmat([[bound, column], [column.T, cp.reshape(channels[s], (1, 1), order="C")]])
-            )
-    lam += cp.diag(diagonal)
-    error = opened + gains @ let_in
-    inequalities.insert(0, cp.bmat([[bound, error], [error.T, lam]]))
+        lam -= _residual_form(cp, parameters, columns, sizes, channels)
+        inequalities += _share_inequalities(cp, parameters, sizes, bound, gains, channels)
+    error = parameters["open"] + gains @ parameters["let_in"]
     return Program(
         {
             "parameters": parameters,
             "gains": gains,
             "bound": bound,
-            "inequalities": inequalities,
+            "inequalities": [cp.bmat([[bound, error], [error.T, lam]]), *inequalities],
             "constraints": [],
-            "cost": weights @ cp.diag(bound),
+            "cost": parameters["weights"] @ cp.diag(bound),
         }
     )
+
+
+def _sector_form(cp: Any, parameters: dict[str, Any], columns: Columns, channels: Any) -> Any:
+    """Return the multipliers' sum (total, total) of ``phi (phi - form)``, and add the forms' parameter."""
+    rows = channels.shape[0]
+    forms = parameters["sectors"] = cp.Parameter((rows, columns.total))
+    picked = columns.picked(columns.by_member["sector"])
+    repeated = cp.reshape(channels, (rows, 1), order="C") @ np.ones((1, columns.total))
+    crossed = picked.T @ cp.multiply(repeated, forms)
+    return cp.diag(picked.T @ channels) - 0.5 * (crossed + crossed.T)
+
+
+def _residual_form(cp: Any, parameters: dict[str, Any], columns: Columns, sizes: Sizes, channels: Any) -> Any:
+    """Return the multipliers' sum (total, total) of squared residuals, and add the residuals' parameter."""
+    m = sizes.outputs
+    size = 1 + sizes.states + 3 * m
+    squares = parameters["residuals"] = cp.Parameter((size**2, sizes.members * m))
+    whole: Any = 0.0
+    for j in range(sizes.members):
+        own = slice(j * m, (j + 1) * m)
+        places = [columns.of(name, j, m) for name in ("remainder", "noise", "value")]
+        picked = columns.picked(columns.one, columns.error, *places)
+        whole += picked.T @ cp.reshape(squares[:, own] @ channels[own], (size, size), order="C") @ picked
+    return whole
+
+
+def _share_inequalities(
+    cp: Any, parameters: dict[str, Any], sizes: Sizes, bound: Any, gains: Any, channels: Any
+) -> list[Any]:
+    """Return, by channel, what bounds the spread that a random share brings, and add its parameter."""
+    entries = parameters["channels"] = cp.Parameter((2 * sizes.outputs, sizes.members * sizes.outputs))
+    spread = gains @ entries
+    found = []
+    for s in range(sizes.members * sizes.outputs):
+        column = cp.reshape(spread[:, s], (sizes.states, 1), order="C")
+        multiplier = cp.reshape(channels[s], (1, 1), order="C")
+        found.append(cp.bmat([[bound, column], [column.T, multiplier]]))
+    return found
