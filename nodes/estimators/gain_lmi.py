@@ -55,6 +55,8 @@ class Scaled(NamedTuple):
 def scaled(local: Local, Q: Matrix) -> Scaled:
     """Return the scales of a step: the error's own, and that of a prediction without measurements."""
     P = local.covariances[0]
+    if not np.isfinite(P).all():
+        raise np.linalg.LinAlgError("the bound of the error is not finite")
     return Scaled(np.linalg.cholesky(P), np.sqrt(np.diag(local.F @ P @ local.F.T + Q)))
 
 

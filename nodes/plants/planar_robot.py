@@ -100,7 +100,7 @@ class PlanarRobot(Additive):
 
         The remainder has the two components of the position. The ellipsoid is ``e' P^-1 e <= 1``.
         """
-        return abs(self.forward) * rotation_remainder(math.sqrt(covariance[2, 2]))
+        return abs(self.forward) * rotation_remainder(math.sqrt(max(covariance[2, 2], 0.0)))
 
     def advance(self, step: int, state: Vector, rng: np.random.Generator, **entering: Vector) -> Vector:
         """Return the state (3,) of ``step``, given that of the step before."""

@@ -103,7 +103,7 @@ class CeilingCamera(GaussianNoise):
         ``V = max(g) (c |r| + d)``, where the heading errs by at most a and ``c`` is the remainder of a
         rotation up to it, and the position by at most d.
         """
-        angle = math.sqrt(covariance[2, 2])
+        angle = math.sqrt(max(covariance[2, 2], 0.0))
         half, middle = (
             0.5 * (covariance[0, 0] - covariance[1, 1]),
             0.5 * (covariance[0, 0] + covariance[1, 1]),
