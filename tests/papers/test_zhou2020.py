@@ -82,7 +82,8 @@ def run(name: str, trial: int, *overrides: str) -> Run:
             truth[message.step] = np.array(message.state)
         elif isinstance(message, Estimate):
             estimates[topic.partition("/")[2], message.refers_to] = message
-    nodes = [one.name for one in topology.plan.estimators if one.name != "dead"]
+    names = [one.name for one in topology.plan.estimators]
+    nodes, dead_nodes = ([name for name in names if (name[0] == "d") == is_dead] for is_dead in (False, True))
     steps = sorted(truth)[1:]
     difference = np.array([[truth[k] - estimates[node, k].state for k in steps] for node in nodes])
     covariance = np.array([[estimates[node, k].covariance for k in steps] for node in nodes])
@@ -94,9 +95,9 @@ def run(name: str, trial: int, *overrides: str) -> Run:
     said = [
         dict(zip(message.diagnostic_name, message.diagnostic_value, strict=True))
         for (node, _), message in estimates.items()
-        if node != "dead"
+        if node in nodes
     ]
-    dead = np.array([np.hypot(*(truth[k] - estimates["dead", k].state)[:2]) for k in steps])
+    dead = np.array([[np.hypot(*(truth[k] - estimates[d, k].state)[:2]) for k in steps] for d in dead_nodes])
     return Run(
         np.linalg.norm(difference[..., :2], axis=2),
         nees,
@@ -154,7 +155,7 @@ def test_the_record_shows_the_attack_the_trigger_and_what_a_quiet_slot_still_car
             genuine[message.step, topic.split("/")[1][1:]] = np.array(message.values)
         elif isinstance(message, Transmission) and topic.endswith("/exchange"):
             slots[message.step, topic.split("/")[1][1:]] = np.array(message.values)
-        elif isinstance(message, Inbox) and topic.endswith("/correct"):
+        elif isinstance(message, Inbox) and topic.startswith("rx/e") and topic.endswith("/correct"):
             received[message.step, topic.split("/")[1][1:]] = np.array(message.values)
     last: dict[str, np.ndarray] = {}
     numbers = [str(i) for i in range(1, 9)]
