@@ -12,7 +12,6 @@ from nodes.contract import Matrix
 from nodes.estimators.gain_forms import MemberForms
 from nodes.estimators.gain_knowledge import Gains, Local, Shares
 from nodes.estimators.gain_programs import (
-    SLACK,
     Columns,
     Program,
     Sizes,
@@ -114,7 +113,7 @@ class Lmi:
     def gains(self, local: Local) -> Gains:
         """Return gains and bound for the step that follows."""
         found = self.solution(local)
-        if found is None or found.slack < SLACK:
+        if found is None:
             self.failures += 1
             return self._without_program(local)
         units = scaled(local, self._Q).units

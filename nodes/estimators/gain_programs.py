@@ -23,8 +23,8 @@ Solver = Literal["CLARABEL", "SCS"]
 
 SLACK = -1e-8
 """Least eigenvalue that the matrix inequalities of a solution may have."""
-MARGIN = 1e-7
-"""Least eigenvalue that the programs ask for: more than solvers are short of."""
+MARGINS = (1e-7, 1e-6, 1e-5)
+"""Least eigenvalues that the programs ask for, in turn, until a solution is short of `SLACK` no more."""
 
 
 def require_solvers() -> None:
@@ -75,16 +75,26 @@ class Program:
         self.parameters: dict[str, Any] = parts["parameters"]
         self._gains, self._bound = parts["gains"], parts["bound"]
         self._inequalities = parts["inequalities"]
+        self._margin = cp.Parameter(nonneg=True)
         constraints = [
-            inequality >> MARGIN * np.eye(inequality.shape[0]) for inequality in self._inequalities
+            inequality >> self._margin * np.eye(inequality.shape[0]) for inequality in self._inequalities
         ]
         self.problem = cp.Problem(cp.Minimize(parts["cost"]), constraints + parts["constraints"])
 
     def solve(self, values: Mapping[str, np.ndarray], solver: Solver = "CLARABEL") -> Solution | None:
         """Return the solution for parameters, None when there is none that can be relied on."""
-        cp = _cvxpy()
         for name, value in values.items():
             self.parameters[name].value = value
+        for margin in MARGINS:
+            self._margin.value = margin
+            found = self._solved(solver)
+            if found is None or found.slack >= SLACK:
+                return found
+        return None
+
+    def _solved(self, solver: Solver) -> Solution | None:
+        """Return the solution of the program as it is, None when the solver finds none."""
+        cp = _cvxpy()
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # of low accuracy: the slack tells
