@@ -143,7 +143,8 @@ def _wired(
     draft.problems.stop_if_any()
     builder = EstimatorBuilder(draft, kinds.estimators, plant, sensors, listens, kinds.triggers)
     wiring = wire(draft, graph, kinds.estimators, builder)
-    check_senders(draft, kinds, wiring)
+    if not len(draft.problems):  # an estimator that was refused exchanges nothing
+        check_senders(draft, kinds, wiring)
     build_controllers(draft, kinds.controllers, kinds.estimators, plant)
     check_signals(draft, kinds.attacks, plant)
     _refuse_idle(draft, listens, wiring.neighbours)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -15,8 +17,11 @@ from nodes.estimators.gain_lmi import Lmi, as_moments, dead_reckoning_bound, sca
 from nodes.estimators.gain_programs import SLACK
 from nodes.estimators.gain_riccati import Riccati
 from nodes.remainders import drawn_within
+from orchestrator.topology.load import load_topology
+from orchestrator.topology.problems import TopologyError
 from tests.nodes.estimators.camera_network import ATTACK, cameras, drive, locals_of
 
+FOLDER = Path(__file__).parents[3] / "topologies" / "zhou2020"
 Q = np.diag([0.02, 0.02, 0.01]) ** 2
 PAPER = Shares.of(ATTACK, 2)
 MILD = Deception(low=0.0, high=0.3, value=1.0)
@@ -177,7 +182,11 @@ def test_gains_depend_on_the_step_alone_and_not_on_what_was_solved_before(known)
     np.testing.assert_array_equal(first.bound, again.bound)
 
 
-def test_without_the_extra_the_message_says_what_to_install(monkeypatch):
+def test_without_the_extra_the_message_says_what_to_install_before_anything_runs(monkeypatch):
     monkeypatch.setattr(gain_programs, "find_spec", lambda name: None)
     with pytest.raises(ValueError, match=r"needs cvxpy and clarabel: pip install 'gauntlet\[lmi\]'"):
         cameras(2, design=GainDesign(lmi="nominal"))
+    with pytest.raises(TopologyError) as caught:
+        load_topology(FOLDER / "lmi.yaml")
+    assert "pip install 'gauntlet[lmi]'" in str(caught.value)
+    assert "sends to no neighbour" not in str(caught.value)
