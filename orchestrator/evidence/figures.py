@@ -144,20 +144,20 @@ class Efficiency:
 
 def efficiency(rows: Rows, group: str, from_step: int = 0, confidence: float = CONFIDENCE) -> Efficiency:
     """Return how close the errors of a state group come to the posterior Cramer-Rao bound."""
-    bound = rows.series(f"bound.{group}")
+    bound = rows.series(f"pcrb.{group}")
     error = np.where(_alive(rows), rows.series(f"error.{group}"), np.nan)
     bound = np.where(np.isnan(error), np.nan, bound)
     late = np.arange(rows.steps) >= from_step
     known = ~np.isnan(bound) & late
     above, below = (np.where(known, part**2, 0.0).sum(axis=1)[:, None] for part in (error, bound))
-    reasons = [reason for reason in rows.text("bound.refused") if reason]
+    reasons = [reason for reason in rows.text("pcrb.refused") if reason]
     return Efficiency(
         _pooled(rows, bound**2, np.ones_like(bound), confidence),
         _pooled(rows, error**2, bound**2, confidence),
         only(_pooled(rows, above, below, confidence)),
         float(known.sum() / max(1, late.sum() * len(known))),
         {reason: reasons.count(reason) for reason in sorted(set(reasons))},
-        tuple(sorted({given for given in rows.text("bound.given") if given})),
+        tuple(sorted({given for given in rows.text("pcrb.given") if given})),
     )
 
 

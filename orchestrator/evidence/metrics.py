@@ -53,6 +53,8 @@ _FAMILIES = {
     "recovered.rmse": Meaning(Better.LESS, "rms"),
     "recovered.nees_ratio": Meaning(Better.ONE, "mean"),
     "deviation": Meaning(Better.LESS, "rms"),
+    "bound.outside": Meaning(Better.LESS, "mean"),
+    "bound.guaranteed": Meaning(Better.MORE, "mean"),
     "packets.lost_share": Meaning(Better.NEITHER, "mean"),
     "packets.mean_loss_burst": Meaning(Better.NEITHER, "mean"),
     "packets": Meaning(Better.NEITHER, "sum"),

@@ -160,11 +160,11 @@ def _derived(derived: Derived, i: int, groups: Mapping[str, Sequence[int]]) -> R
     every = range(bounded.variance.shape[1])
     return {
         **{
-            f"bound.{group}": np.sqrt(bounded.variance[:, list(indices)].sum(axis=1))
+            f"pcrb.{group}": np.sqrt(bounded.variance[:, list(indices)].sum(axis=1))
             for group, indices in {**groups, STATE: every}.items()
         },
-        "bound.given": bounded.given,
-        "bound.refused": bounded.refused,
+        "pcrb.given": bounded.given,
+        "pcrb.refused": bounded.refused,
         "innovation": derived.innovations[i].ravel(),
         "state_size": bounded.variance.shape[1],
     }

@@ -58,14 +58,14 @@ def columns(groups: Collection[str], swept: Sequence[str] = ()) -> dict[str, str
     steps = {f"error.{group}": "float64" for group in sorted({*groups, "state"})}
     steps |= {"nees": "float64", "nis": "float64", "nis_dof": "int32", "attacked": "bool"}
     steps |= {"disagreement_by_step": "float64", "sent": "int32", "innovation": "float64"}
-    steps |= {f"bound.{group}": "float64" for group in sorted({*groups, "state"})}
+    steps |= {f"pcrb.{group}": "float64" for group in sorted({*groups, "state"})}
     return {
         **dict(_KEYS),
         **{f"{SWEPT}{path}": "string" for path in swept},
         **dict.fromkeys(("passed", "complete"), "bool"),
         **dict.fromkeys(scalar_names(groups), "float64"),
         **dict.fromkeys(("divergence_step", "slots", "state_size"), "int32"),
-        **dict.fromkeys(("bound.given", "bound.refused"), "string"),
+        **dict.fromkeys(("pcrb.given", "pcrb.refused"), "string"),
         **{name: f"list.{kind}" for name, kind in (*steps.items(), *_LISTS)},
     }
 

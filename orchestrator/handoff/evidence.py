@@ -10,7 +10,7 @@ from orchestrator.handoff.frames import exploded
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_ERROR, _BOUND = "error.", "bound."
+_ERROR, _BOUND = "error.", "pcrb."
 _FIGURES = ("nees", "nis", "nis_dof", "attacked", "sent")
 _PACKET, _WINDOW = "packet.", "window."
 

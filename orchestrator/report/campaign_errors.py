@@ -58,7 +58,7 @@ def error_curves(groups: Sequence[Group], notes: list[str]) -> Figure:
 def _bound_trace(group: Group, state: str, which: str, number: int) -> list[Trace]:
     """Return the posterior Cramer-Rao bound, where it is right."""
     rows = group.of(which)
-    if not np.isfinite(rows.series(f"bound.{state}")).any():
+    if not np.isfinite(rows.series(f"pcrb.{state}")).any():
         return []
     found = efficiency(rows, state, group.from_step, group.confidence)
     at = kept(found.bound.value)

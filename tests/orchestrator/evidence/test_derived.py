@@ -62,9 +62,9 @@ def test_the_bound_of_a_run_is_the_covariance_of_the_optimal_filter_in_it(tmp_pa
     row = rows(tmp_path, ALONE)["e1"]
     covariance, _ = estimates(tmp_path, ALONE)
     trace = np.trace(covariance, axis1=1, axis2=2)
-    assert row["bound.state"] == pytest.approx(np.sqrt(trace), rel=1e-10)
-    assert row["bound.position"] == pytest.approx(np.sqrt(covariance[:, 0, 0]), rel=1e-10)
-    assert (row["bound.given"], row["bound.refused"]) == ("own packets", "")
+    assert row["pcrb.state"] == pytest.approx(np.sqrt(trace), rel=1e-10)
+    assert row["pcrb.position"] == pytest.approx(np.sqrt(covariance[:, 0, 0]), rel=1e-10)
+    assert (row["pcrb.given"], row["pcrb.refused"]) == ("own packets", "")
 
 
 def test_the_innovations_of_the_record_have_the_nis_that_the_filter_published(tmp_path: Path) -> None:
@@ -77,10 +77,10 @@ def test_the_innovations_of_the_record_have_the_nis_that_the_filter_published(tm
 
 def test_a_network_is_bounded_by_all_that_reached_it(tmp_path: Path) -> None:
     found = rows(tmp_path, NETWORK)
-    assert found["e1"]["bound.given"] == "packets of the network"
-    assert found["hub"]["bound.given"] == "own packets"
+    assert found["e1"]["pcrb.given"] == "packets of the network"
+    assert found["hub"]["pcrb.given"] == "own packets"
     # nothing is lost here, so the network together has what the centralised filter has
-    assert found["e1"]["bound.state"] == pytest.approx(found["hub"]["bound.state"], rel=1e-12)
+    assert found["e1"]["pcrb.state"] == pytest.approx(found["hub"]["pcrb.state"], rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -106,17 +106,17 @@ def test_the_bound_is_refused_from_where_it_would_be_wrong(
     tmp_path: Path, override: str, first: int, reason: str
 ) -> None:
     row = rows(tmp_path, ALONE, override)["e1"]
-    assert np.isfinite(row["bound.state"][:first]).all()
-    assert np.isnan(row["bound.state"][first:]).all()
-    assert reason in row["bound.refused"]
-    assert row["bound.refused"].startswith(f"from step {first} on: ") == (first > 0)
+    assert np.isfinite(row["pcrb.state"][:first]).all()
+    assert np.isnan(row["pcrb.state"][first:]).all()
+    assert reason in row["pcrb.refused"]
+    assert row["pcrb.refused"].startswith(f"from step {first} on: ") == (first > 0)
 
 
 def test_nothing_is_supposed_of_a_users_own_kind(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("from nodes.sensors.linear import Linear\nclass Mine(Linear): ...\n")
     mine = f"sensors.s1={{model: '{tmp_path}/mine.py:Mine', C: [[1.0, 0.0, 0.0]], noise: {{std: 0.1}}}}"
     row = rows(tmp_path, ALONE, mine)["e1"]
-    assert row["bound.refused"] == "the kind Mine is a user's own, of which nothing is known here"
+    assert row["pcrb.refused"] == "the kind Mine is a user's own, of which nothing is known here"
     assert not row["innovation"].size
 
 
@@ -133,21 +133,21 @@ def test_a_sensor_that_keeps_quiet_tells_something_too(tmp_path: Path) -> None:
         if not (message.step == 7 and topic in ("tx/s2/measurement", "rx/e1/correct"))
     ]
     (row,) = trial_rows(topology_from_experiment(topology.experiment_json()), quiet)
-    assert row["bound.refused"] == "from step 7 on: s2 kept quiet, which tells something too"
+    assert row["pcrb.refused"] == "from step 7 on: s2 kept quiet, which tells something too"
 
 
 def test_one_falsified_packet_costs_the_whole_network_its_bound(tmp_path: Path) -> None:
     attack = "attacks=[{bias: {value: 1.0}, on: s2->e2, steps: [5, 5]}]"
     found = rows(tmp_path, NETWORK, attack)
-    assert all(np.isnan(found[node]["bound.state"][5:]).all() for node in ("e1", "e2", "e3"))
-    assert found["hub"]["bound.refused"] == ""  # that one heard the sensor's other link
+    assert all(np.isnan(found[node]["pcrb.state"][5:]).all() for node in ("e1", "e2", "e3"))
+    assert found["hub"]["pcrb.refused"] == ""  # that one heard the sensor's other link
 
 
 @pytest.mark.slow
 def test_no_filter_beats_the_bound_and_the_optimal_one_meets_it(tmp_path: Path) -> None:
     """Over 400 trials the ratio of mean squares is one within 5 standard errors."""
     squares = [
-        (np.mean(row["error.state"] ** 2), np.mean(row["bound.state"] ** 2))
+        (np.mean(row["error.state"] ** 2), np.mean(row["pcrb.state"] ** 2))
         for row in (rows(tmp_path, ALONE, trial=trial)["e1"] for trial in range(400))
     ]
     error, bound = np.array(squares).T

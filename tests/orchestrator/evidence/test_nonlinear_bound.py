@@ -79,7 +79,7 @@ def test_a_good_filter_comes_close_to_the_bound_and_does_not_beat_it(tmp_path: P
     """The tanks are nearly linear: mean squares agree within five standard errors of 40 trials."""
     squares = np.array(
         [
-            (np.mean(row["error.state"] ** 2), np.mean(row["bound.state"] ** 2))
+            (np.mean(row["error.state"] ** 2), np.mean(row["pcrb.state"] ** 2))
             for row in (rows(tmp_path, trial=trial) for trial in range(40))
         ]
     )
@@ -101,5 +101,5 @@ def test_a_good_filter_comes_close_to_the_bound_and_does_not_beat_it(tmp_path: P
 )
 def test_it_is_refused_where_it_would_be_wrong(tmp_path: Path, override: str, reason: str) -> None:
     row = rows(tmp_path, override)
-    assert reason in row["bound.refused"]
-    assert np.isnan(row["bound.state"]).all()
+    assert reason in row["pcrb.refused"]
+    assert np.isnan(row["pcrb.state"]).all()

@@ -27,7 +27,7 @@ def test_a_bound_stands_beside_the_error_where_results_have_one() -> None:
     figures = {name: pa.array([[0.0], None, [0.0], None]) for name in ("nees", "nis", "sent", "nis_dof")}
     figures |= {"attacked": pa.array([[True], None, [False], None])}
     figures |= {"error.state": pa.array([[1.0], None, [2.0], None])}
-    figures |= {"bound.state": pa.array([None, None, [0.5], None], type=pa.list_(pa.float64()))}
+    figures |= {"pcrb.state": pa.array([None, None, [0.5], None], type=pa.list_(pa.float64()))}
     table = errors(pa.table({"node": ROWS["node"], **figures}), ["node"])
     assert table["state"].to_pylist() == [1.0, 2.0]
     assert table["bound_state"].to_pylist() == [None, 0.5]
