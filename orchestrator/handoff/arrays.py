@@ -107,7 +107,7 @@ def campaign_arrays(rows: pa.Table, groups: Sequence[str], attributes: dict[str,
 
     dims = (*axes, "step")
     variables: dict[str, Any] = {name: (dims, series(name)) for name in _FIGURES}
-    for name, column, known in (("error_norm", "error", groups), ("bound", "bound", bounded_groups(rows))):
+    for name, column, known in (("error_norm", "error", groups), ("bound", "pcrb", bounded_groups(rows))):
         if known:
             stacked = np.stack([series(f"{column}.{group}") for group in groups], axis=-1)
             variables[name] = ((*dims, "group"), stacked)
