@@ -9,7 +9,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from benchmarks import hybrid, particles
+from benchmarks import deception, hybrid, particles
 from benchmarks.comparison import Comparison, at_most
 from benchmarks.effort import Effort
 from benchmarks.networks import load_text, network, ring, run_counting, tanks
@@ -60,6 +60,7 @@ def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
     with threadpool_limits(limits=1, user_api="blas"):
         particle_rows = particles.measure(effort)
         hybrid_rows = hybrid.measure(effort)
+        deception_rows = deception.measure(effort, _method_us)
     unit = "µs/node step"
     by_size = Comparison(
         "g",
@@ -75,6 +76,7 @@ def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:
         *(Comparison("g", f"{name}: mathematics alone", unit, samples[name]) for name in methods),
         *particle_rows,
         *hybrid_rows,
+        *deception_rows,
     ]
 
 

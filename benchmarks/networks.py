@@ -74,6 +74,34 @@ attacks:
 """
 
 
+def cameras(nodes: int, steps: int, graph: str, design: str) -> str:
+    """Return the cameras of Zhou 2020 at level 5, on a grid that begins anew after twelve of them."""
+    sensors = "\n".join(
+        f"  s{i + 1}: {{model: ceiling_camera, noise: {{std: 1.0}}, "
+        f"position: [{0.6 + 0.6 * (i % 4):.1f}, {0.6 + 0.6 * (i // 4 % 3):.1f}]}}"
+        for i in range(nodes)
+    )
+    return f"""\
+name: benchmark
+period_s: 1.0
+steps: {steps}
+plant: {{model: planar_robot}}
+sensors:
+{sensors}
+estimators:
+  e1..e{nodes}:
+    method: event_triggered_extended_kalman
+    send: {{relative: {{sigma: 0.02}}}}
+    design: {design}
+    assumed_attack: {{low: 0.1, high: 1.5, value: 6.0}}
+    process_noise: {{std: [0.02, 0.02, 0.01]}}
+    initial: {{std: [0.35, 0.35, 1.0]}}
+graph: {graph}
+attacks:
+  - {{scaling: {{low: 0.1, high: 1.5, value: 5.0}}, on: "s*->e*"}}
+"""
+
+
 def load_text(folder: Path, text: str) -> Plan:
     """Return the plan of a topology text, written into a folder."""
     path = folder / "topology.yaml"

@@ -31,6 +31,7 @@ def build_sensor(plan: Plan, name: str, plant: Plant) -> Sensor:
 
 def build_estimator(plan: Plan, own: EstimatorPlan, plant: Plant, sensors: Mapping[str, Sensor]) -> Estimator:
     """Construct an estimator, told of the plant, of the sensors it listens to and of its neighbours."""
+    kind = load_class(own.kind.reference)
     setting = Setting(
         name=own.name,
         plant=plant,
@@ -38,6 +39,7 @@ def build_estimator(plan: Plan, own: EstimatorPlan, plant: Plant, sensors: Mappi
         neighbours=dict(own.neighbours),
         rng=random_stream(plan.seed, plan.trial, own.stream or own.name, "estimator"),
         told_attacks=bool(own.oracles),
+        neighbour_sensors=_sensors_of_neighbours(plan, own, plant) if asks_for_sensors(kind) else {},
         trigger=build_trigger(plan, own, plant) if takes_trigger(own) else None,
         sensor_triggers={
             sensor.name: trigger
@@ -46,8 +48,22 @@ def build_estimator(plan: Plan, own: EstimatorPlan, plant: Plant, sensors: Mappi
             and (trigger := build_trigger(plan, sensor, plant, sensors[sensor.name], heard_by=own.name))
         },
     )
-    estimator: Estimator = load_class(own.kind.reference)(setting, **own.kind.parameters)
+    estimator: Estimator = kind(setting, **own.kind.parameters)
     return estimator
+
+
+def asks_for_sensors(kind: type) -> bool:
+    """Return whether a kind of estimator asks for the models of its neighbours' sensors."""
+    return bool(getattr(kind, "knows_neighbours_sensors", False))
+
+
+def _sensors_of_neighbours(plan: Plan, own: EstimatorPlan, plant: Plant) -> dict[str, dict[str, Sensor]]:
+    """Construct the models of the sensors that each neighbour listens to."""
+    return {
+        other.name: {name: build_sensor(plan, name, plant) for name in other.sensors}
+        for other in plan.estimators
+        if other.name in own.neighbours
+    }
 
 
 def takes_trigger(own: EstimatorPlan) -> bool:

@@ -164,6 +164,11 @@ class Setting:
     told_attacks: bool = False
     """Whether the topology grants it the truth about the attacks on its measurements, as packets of the kind
     `bus.packets.ORACLE`."""
+    neighbour_sensors: Mapping[str, Mapping[str, Sensor]] = field(default_factory=dict)
+    """By neighbour, the models of the sensors that it listens to; empty unless the kind asks for them.
+
+    A kind asks by the class attribute ``knows_neighbours_sensors = True``.
+    """
     trigger: Trigger | None = None
     """Its own event trigger, for a method whose class says ``takes_trigger = True``: it asks the trigger
     itself. That of any other method acts on its payloads, behind its back."""

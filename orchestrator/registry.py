@@ -33,6 +33,7 @@ ROLES: tuple[Role, ...] = get_args(Role)
 
 _GENERATORS = "orchestrator.topology.graph_generators"
 _ESTIMATORS = "nodes.estimators"
+_EVENT_TRIGGERED = f"{_ESTIMATORS}.event_triggered_extended_kalman"
 _TRIGGERS = "nodes.triggers"
 _DATA_ASSOCIATION = "nodes.estimators.probabilistic_data_association"
 
@@ -48,6 +49,7 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "ieee14": "nodes.plants.ieee14:Ieee14",
                 "sine_swing_network": "nodes.plants.sine_swing:SineSwingNetwork",
                 "sine_ieee14": "nodes.plants.sine_swing:SineIeee14",
+                "planar_robot": "nodes.plants.planar_robot:PlanarRobot",
             }
         ),
         "sensors": MappingProxyType(
@@ -56,6 +58,7 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "student_t": "nodes.sensors.student_t:StudentT",
                 "tank_outflow": "nodes.sensors.tank_outflow:TankOutflow",
                 "innovation": "nodes.sensors.innovation:Innovation",
+                "ceiling_camera": "nodes.sensors.ceiling_camera:CeilingCamera",
             }
         ),
         "estimators": MappingProxyType(
@@ -83,6 +86,8 @@ BUILT_IN = MappingProxyType[Role, MappingProxyType[str, str]](
                 "jise": "nodes.estimators.jise:Jise",
                 "imm": "nodes.estimators.imm:Imm",
                 "probabilistic_data_association": f"{_DATA_ASSOCIATION}:ProbabilisticDataAssociation",
+                "event_triggered_extended_kalman": f"{_EVENT_TRIGGERED}:EventTriggeredExtendedKalman",
+                "dead_reckoning": "nodes.estimators.dead_reckoning:DeadReckoning",
                 "external": "nodes.estimators.external:External",
             }
         ),

@@ -72,6 +72,14 @@ METRICS: Mapping[str, Metric] = {
         "mean NEES over its degrees of freedom; 1 when consistent", "node", undefined=_NO_COVARIANCE
     ),
     "nees.inside": Metric("share of steps whose NEES is within its bounds", "node", undefined=_NO_COVARIANCE),
+    "bound.outside": Metric(
+        "share of steps whose error is outside e' P^-1 e <= n", "node", undefined=_NO_COVARIANCE
+    ),
+    "bound.guaranteed": Metric(
+        "1 when the method says that its covariance is a guaranteed bound, 0 when it is none",
+        "node",
+        undefined="the method does not say",
+    ),
     "nis.mean": Metric("mean NIS", "node", undefined="it published no NIS"),
     "nis.ratio": Metric(
         "mean NIS over its degrees of freedom; 1 when consistent", "node", undefined="it published no NIS"

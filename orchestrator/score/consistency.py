@@ -54,6 +54,12 @@ def nees(error: Floats, covariance: Floats, counted: Bools) -> Floats:
     return figures
 
 
+def share_above(figures: Floats, bound: float) -> float | None:
+    """Return the share of known figures that exceed a bound; None when none is known."""
+    known = figures[np.isfinite(figures)]
+    return float(np.mean(known > bound)) if known.size else None
+
+
 def consistency(figures: Floats, dof: Ints, counted: Bools, confidence: float) -> list[Consistency]:
     """Return the mean of each row of chi-square figures (N, K) with ``dof`` (N, K), over ``counted`` (N, K).
 

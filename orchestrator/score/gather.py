@@ -48,6 +48,8 @@ __all__ = [
 _IS_FALSE = {"attacked": True, "lost": False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
 
+GUARANTEED = "bound_guaranteed"
+"""The diagnostic by which a method says whether its covariance is a guaranteed bound: 0 in one step is no."""
 SENT = "sent"
 """The diagnostic by which a method that asks its event trigger itself says what share was sent."""
 _AFTER_ESTIMATE = len(keys.estimate(""))
@@ -82,7 +84,8 @@ class Gathered:
     (L,) counts by link the slots that the channel passed. ``said_sent`` holds, by estimator whose method
     fills its slots for other reasons too, how many of its estimates said what share of its events was sent,
     and the sum of that. ``sent`` (nodes, K) counts the slots with a packet that each node of the plan sent,
-    measurements and exchanges.
+    measurements and exchanges. ``guaranteed`` tells, by estimator that says so, whether its bounds are
+    guaranteed.
     """
 
     truth_present: Bools
@@ -95,6 +98,7 @@ class Gathered:
     attack_beliefs: AttackBeliefs
     slots: Ints
     said_sent: Mapping[str, tuple[int, float]]
+    guaranteed: Mapping[str, bool]
     false_data: FalseDataListener
     sent: Ints
     measurements: Measurements
@@ -138,6 +142,7 @@ class Gatherer:
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.triggered = frozenset(plan.triggered)
         self.said_sent: dict[str, tuple[int, float]] = {}
+        self.guaranteed: dict[str, bool] = {}
         self.takers: dict[type[Message | Delivery], Callable[[str, Any], None]] = {
             Truth: self._take_truth,
             Estimate: self._take_estimate,
@@ -173,6 +178,9 @@ class Gatherer:
             share = message.diagnostic_value[message.diagnostic_name.index(SENT)]
             said, total = self.said_sent.get(name, (0, 0.0))
             self.said_sent[name] = said + 1, total + share
+        if GUARANTEED in message.diagnostic_name:
+            holds = message.diagnostic_value[message.diagnostic_name.index(GUARANTEED)] > 0.0
+            self.guaranteed[name] = holds and self.guaranteed.get(name, True)
 
     def _take_transmission(self, topic: str, message: Transmission) -> None:
         self.measurements.take_sent(topic, message)
@@ -298,6 +306,7 @@ class Gatherer:
             attack_beliefs=self.of_attacks.beliefs(len(self.plan.estimators), self.plan.steps),
             said_sent=self.said_sent,
             false_data=self.false_data,
+            guaranteed=self.guaranteed,
         )
 
     def _slots(self) -> Ints:

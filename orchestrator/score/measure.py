@@ -96,6 +96,8 @@ def node_value(score: Score, node: NodeScore, metric: str) -> float:
         return float(node.divergence_step is not None)
     if family == "missing_estimates":
         return float(expected_estimates(score, node) - node.steps_scored)
+    if family == "bound":
+        return _or_nan(node.bound.outside if name == "outside" else node.bound.guaranteed)
     if family in ("nees", "nis"):
         return _consistency(node, node.nees if family == "nees" else node.nis, name)
     if family == "attack":

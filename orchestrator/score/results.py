@@ -135,6 +135,18 @@ class Deviation(Result, frozen=True, kw_only=True):
     norm_over_steps: float
 
 
+class Bound(Result, frozen=True, kw_only=True):
+    """What an estimator's covariance is worth as a bound of its error.
+
+    ``outside`` is the share of steps whose NEES exceeds n, the size of the state: where the error leaves the
+    ellipsoid ``e' P^-1 e <= n``. ``guaranteed`` is the method's own word that its covariance bounds the
+    error's second moment whatever the adversary does within what it assumes; None when it says nothing.
+    """
+
+    outside: float | None
+    guaranteed: bool | None
+
+
 class NodeScore(Result, frozen=True, kw_only=True):
     """One estimator; ``method`` is the name of its class, ``divergence_step`` None when it never diverged.
 
@@ -167,6 +179,7 @@ class NodeScore(Result, frozen=True, kw_only=True):
     attack: AttackScore | None = None
     privileged: list[str] = []
     deviation: Deviation | None = None
+    bound: Bound = Bound(outside=None, guaranteed=None)
 
 
 class NetworkScore(Result, frozen=True, kw_only=True):

@@ -19,7 +19,7 @@ from orchestrator.score.accuracy import (
     network_score,
     numbers,
 )
-from orchestrator.score.consistency import consistency, nees
+from orchestrator.score.consistency import consistency, nees, share_above
 from orchestrator.score.detection import (
     Judgement,
     attack_windows,
@@ -33,7 +33,7 @@ from orchestrator.score.deviation import deviations
 from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import Bools, Floats, Gathered, gather
 from orchestrator.score.judging import judge_expectations
-from orchestrator.score.results import LinkScore, NodeScore, Score, ScoreOptions
+from orchestrator.score.results import Bound, LinkScore, NodeScore, Score, ScoreOptions
 from orchestrator.score.signal_attacks import attack_scores
 from orchestrator.score.traffic import senders, traffic
 
@@ -76,6 +76,8 @@ def _node_scores(plan: Plan, evidence: Evidence, options: ScoreOptions) -> list[
         for rows in (counted, counted & attacked, counted & ~attacked)
     )
     apart = deviations(plan, estimates, errors, steps, options.reference)
+    n = estimates.error.shape[2]
+    left = [share_above(row[keep], n) for row, keep in zip(evidence.nees, counted, strict=True)]
     series = errors.norm if options.node_series else {}
     attacks = attack_scores(evidence.gathered.attack_beliefs, errors, options.from_step)
     return [
@@ -97,6 +99,7 @@ def _node_scores(plan: Plan, evidence: Evidence, options: ScoreOptions) -> list[
             attack=attacks[i],
             deviation=apart[i],
             privileged=list(dict.fromkeys(label.partition("/")[0] for label in estimator.oracles)),
+            bound=Bound(outside=left[i], guaranteed=evidence.gathered.guaranteed.get(estimator.name)),
         )
         for i, estimator in enumerate(plan.estimators)
     ]

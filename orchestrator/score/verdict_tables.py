@@ -49,6 +49,9 @@ def _remark(rank: str, node: NodeScore, score: Score) -> str:
     parts += [f"deaf from {lockout.first_step}" for lockout in score.lockouts if lockout.node == node.name]
     if node.attacked_steps:
         parts.append(f"attacked {node.attacked_steps} steps")
+    if node.bound.guaranteed is not None and node.bound.outside is not None:
+        kind = "guaranteed bound" if node.bound.guaranteed else "bound"
+        parts.append(f"{kind} left {100 * node.bound.outside:.3g} %")
     return ", ".join(parts)
 
 

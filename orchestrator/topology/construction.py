@@ -10,6 +10,7 @@ import numpy as np
 
 from bus.random_streams import random_stream
 from channel.contract import Placement
+from nodes.build import asks_for_sensors
 from nodes.contract import ControlledPlant, ControllerSetting, Estimator, Plant, Sensor, Setting, Trigger
 from nodes.signal_attack import Signal
 from nodes.triggers.contract import TriggerSetting
@@ -95,13 +96,15 @@ class EstimatorBuilder:
         checked = self._kinds[name]
         sections = self._draft.sections
         stream = sections["estimators"][name].stream or name
+        asks = asks_for_sensors(checked.found.type)
         setting = Setting(
             name=name,
             plant=self._plant,
-            sensors={sensor: self._sensors[sensor] for sensor in self._listens[name]},
+            sensors=self._heard_by(name),
             neighbours=dict(sorted(neighbours.items())),
             rng=random_stream(sections["seed"], sections["trial"], stream, "estimator"),
             told_attacks=name in self._told,
+            neighbour_sensors={other: self._heard_by(other) for other in neighbours} if asks else {},
             trigger=self._trigger(name) if getattr(checked.found.type, "takes_trigger", False) else None,
             sensor_triggers={
                 sensor: trigger for sensor in self._listens[name] if (trigger := self._trigger(sensor))
@@ -119,6 +122,10 @@ class EstimatorBuilder:
         setting = TriggerSetting(sender, self._plant, self._sensors.get(sender), np.random.default_rng(0))
         trigger: Trigger = checked.found.type(setting, **checked.parameters)
         return trigger
+
+    def _heard_by(self, name: str) -> dict[str, Sensor]:
+        """Return the models of the sensors that an estimator listens to."""
+        return {sensor: self._sensors[sensor] for sensor in self._listens[name]}
 
     def rounds(self, name: str, neighbours: Mapping[str, float]) -> int:
         """Return the exchange rounds of an estimator with these neighbours; 0 when it cannot tell (noted)."""

@@ -157,8 +157,10 @@ def _wired(
     grants = granted_patterns(draft)
     builder = EstimatorBuilder(draft, kinds.estimators, plant, sensors, listens, kinds.triggers, grants)
     wiring = wire(draft, graph, kinds.estimators, builder)
-    check_senders(draft, kinds, wiring)
-    check_listeners(draft, grants, {name: builder.build(name, wiring.neighbours[name]) for name in grants})
+    if not len(draft.problems):  # an estimator that was refused exchanges nothing
+        check_senders(draft, kinds, wiring)
+        built = {name: builder.build(name, wiring.neighbours[name]) for name in grants}
+        check_listeners(draft, grants, built)
     build_controllers(draft, kinds.controllers, kinds.estimators, plant)
     check_signals(draft, kinds.attacks, plant)
     _refuse_idle(draft, listens, wiring.neighbours)

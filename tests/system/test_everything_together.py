@@ -129,6 +129,38 @@ attacks:
   - {replay: {capture: [5, 15]}, on: s3->e3, steps: [25, 30]}
   - {crash: {}, on: e4, steps: [30, 39]}
 """
+DECEIVED = """
+name: deceived-robots
+seed: 11
+period_s: 1.0
+steps: 25
+plant: {model: planar_robot, noise_bound: 3.0}
+sensors:
+  s1: {model: ceiling_camera, position: [0.6, 0.6], noise: {std: 1.0}}
+  s2: {model: ceiling_camera, position: [0.6, 1.8], noise: {std: 1.0}}
+  s3: {model: ceiling_camera, position: [1.2, 1.8], noise: {std: 1.0}, noise_bound: 1.4}
+  s4: {model: ceiling_camera, position: [1.8, 1.8], noise: {std: 1.0}}
+estimators:
+  e1: {ROBOT, send: {relative: {sigma: 0.1}}, design: {riccati: nominal}}
+  e2: {ROBOT, send: {relative: {sigma: 0.1}}, design: {riccati: residual}}
+  e3: {ROBOT, send: {send_on_delta: {threshold: 1.0}}}
+  e4: {ROBOT, design: {riccati: adversarial}}
+  dead: {method: dead_reckoning, sensors: [s1]}
+  k1: {method: extended_kalman, sensors: [s1, s2]}
+graph: {complete: {nodes: 4}}
+channel:
+  s*->e*: {bernoulli: {loss: 0.1}}
+  e*->e*: {gilbert_elliott: {failure: 0.1, recovery: 0.5}}
+attacks:
+  - {scaling: {low: 0.1, high: 1.5, value: 5.0}, on: "s*->e*"}
+  - {byzantine: {spread: 0.3, components: [0, 1, 2, 3]}, on: e2, steps: [8, 12]}
+  - {replay: {capture: [0, 5]}, on: s3->e3, steps: [12, 16]}
+  - {crash: {}, on: e4, steps: [18, 24]}
+""".replace(
+    "ROBOT",
+    "method: event_triggered_extended_kalman, initial: {std: [0.35, 0.35, 1.0]}, start_error: {std: 0.1}, "
+    "assumed_attack: {low: 0.1, high: 1.5, value: 6.0}",
+)
 
 
 def test_no_registered_kind_is_left_out() -> None:
@@ -139,13 +171,28 @@ def test_no_registered_kind_is_left_out() -> None:
             assert set(registered(role)) <= named
 
 
-@pytest.mark.parametrize("text", [LOOP, SMART, TRIGGERED], ids=["loop", "smart", "triggered"])
+@pytest.mark.parametrize(
+    "text", [LOOP, SMART, TRIGGERED, DECEIVED], ids=["loop", "smart", "triggered", "deceived"]
+)
 def test_everything_together_writes_the_same_bytes_in_one_process_and_in_many(
     gauntlet: Gauntlet, text: str
 ) -> None:
     topology = gauntlet.write(text)
     one = gauntlet.log(topology, "--backend", "inprocess", out="one")
     assert gauntlet.log(topology, out="many") == one
+
+
+@pytest.mark.parametrize(
+    "variant", ["nominal", *(pytest.param(name, marks=pytest.mark.slow) for name in ("moment", "sector"))]
+)
+def test_gains_by_semidefinite_programs_are_the_same_in_one_process_and_in_many(
+    gauntlet: Gauntlet, variant: str
+) -> None:
+    pytest.importorskip("cvxpy", reason="the extra 'lmi' is not installed")
+    text = DECEIVED.partition("attacks:")[0].replace("riccati: nominal", f"lmi: {variant}")
+    topology = gauntlet.write(text.replace("steps: 25", "steps: 4"))
+    one = gauntlet.log(topology, "--backend", "inprocess", out="one")
+    assert gauntlet.log(topology, "--set", "process.stall_s=120", out="many") == one
 
 
 def test_everything_together_is_accounted_for(gauntlet: Gauntlet) -> None:

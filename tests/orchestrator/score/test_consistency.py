@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy import stats
 
+from orchestrator.score.catalogue import METRICS
 from orchestrator.score.consistency import chi_square_bounds, consistency, nees
+from orchestrator.score.measure import measure
 from orchestrator.score.scoring import score
+from orchestrator.score.verdict_tables import _remark
 
 
 def test_nees_is_the_error_weighted_by_the_inverse_covariance():
@@ -111,3 +115,25 @@ def test_an_estimator_without_covariance_has_no_nees(make_plan, recorder):
     recorder.estimate("e1", 0, [1.0])
     node = score(make_plan(1, {"e1": ["s1"]}), recorder.records, state_groups={}).nodes[0]
     assert (node.nees.samples, node.nees.mean, node.nees_undefined) == (0, None, 1)
+
+
+def test_a_bound_is_left_where_the_nees_exceeds_the_size_of_the_state(make_plan, recorder):
+    said = (1.0, 1.0, 0.0, 1.0)
+    for step, state in enumerate(([1.0, 0.9], [1.0, 1.1], [0.0, 0.0], [5.0, 0.0])):
+        recorder.truth(step, [0.0, 0.0])
+        recorder.estimate("e1", step, state, [1.0, 0.0, 0.0, 1.0])
+        recorder.estimate("e2", step, state, [1.0, 0.0, 0.0, 1.0])
+        topic, message = recorder.records[-2]
+        told = replace(message, diagnostic_name=["bound_guaranteed"], diagnostic_value=[said[step]])
+        recorder.records[-2] = topic, told
+    plan = make_plan(4, {"e1": ["s1"], "e2": ["s1"]})
+    whole = score(plan, recorder.records, state_groups={})
+    assert [node.bound.outside for node in whole.nodes] == [0.5, 0.5]
+    assert [node.bound.guaranteed for node in whole.nodes] == [False, None]
+    metrics = ("bound.outside", "bound.guaranteed")
+    found = [measure(whole, name, METRICS[name], ["e1"])[0][1] for name in metrics]
+    assert found == [0.5, 0.0]
+    early = [record for record in recorder.records if record[1].step < 2]
+    until = score(make_plan(2, {"e1": ["s1"], "e2": ["s1"]}), early, state_groups={})
+    assert until.nodes[0].bound.guaranteed is True
+    assert "guaranteed bound left 50 %" in _remark("", until.nodes[0], until)

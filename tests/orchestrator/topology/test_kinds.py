@@ -163,7 +163,7 @@ def test_a_kind_may_be_a_class_of_a_module() -> None:
 def test_an_unknown_kind_names_those_that_are_known() -> None:
     with pytest.raises(UnknownKindError) as caught:
         find_kind("sensors", "lidar", Path.cwd())
-    assert caught.value.known == ("linear", "student_t", "tank_outflow", "innovation")
+    assert caught.value.known == ("linear", "student_t", "tank_outflow", "innovation", "ceiling_camera")
 
 
 def test_an_entry_point_registers_a_kind_and_hides_no_built_in_one(monkeypatch: pytest.MonkeyPatch) -> None:
