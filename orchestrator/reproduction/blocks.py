@@ -130,7 +130,7 @@ def _points_figure(entry: Entry, name: str, at: Sequence[tuple[Floats, list[Foun
         drawn = line(
             x, values, part.label, style["color"], dash=style["dash"], error_y=bars, hovertemplate="%{y:.4g}"
         )
-        traces.append({**drawn, "mode": "lines+markers"})
+        traces.append({**drawn, "mode": "lines+markers", "marker": {"color": style["color"], "size": 7}})
     heights = [np.array([own.number.value for own in found]) for _, found in at]
     x_title = entry.x_title or (entry.points[0].setting or "")
     x_axis = log_axis(x_title, [x for x, _ in at]) if entry.log_x else value_axis(x_title)

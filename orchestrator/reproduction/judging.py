@@ -43,7 +43,9 @@ def _on_bounds(value: Value, found: Found) -> Word:
     low = -math.inf if value.at_least is None else value.at_least
     high = math.inf if value.at_most is None else value.at_most
     own = found.number
-    begin, end = (own.value, own.value) if math.isnan(own.low) else (own.low, own.high)
+    begin, end = own.low, own.high
+    if value.statistic == "max":
+        begin = end = own.value
     if begin >= low and end <= high:
-        return Word.HOLDS if not math.isnan(own.low) or value.statistic == "max" else Word.OPEN
+        return Word.HOLDS
     return Word.FAILS if begin > high or end < low else Word.OPEN

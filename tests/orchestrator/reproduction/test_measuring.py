@@ -54,6 +54,7 @@ def test_the_range_holds_most_single_trials():
         ("small", {"at_most": 1.0}, Interval(2.1, 1.9, 2.3), Word.FAILS),
         ("large", {"at_least": 3.0}, Interval(2.1, 1.9, 2.3), Word.FAILS),
         ("small", {"at_most": 3.0}, Interval(2.1, math.nan, math.nan), Word.OPEN),
+        ("small", {"at_most": 1.0}, Interval(2.1, math.nan, math.nan), Word.OPEN),
         ("small", {}, Interval(2.1, 1.9, 2.3), Word.NOTHING),
         (2.0, {}, Interval(math.nan, math.nan, math.nan), Word.NOTHING),
     ],
