@@ -8,9 +8,9 @@ What an entry says of campaign, variant, node, metric and statistic holds for it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+import msgspec
 
 from orchestrator.reproduction.errors import ReproduceError
 
@@ -18,15 +18,19 @@ Statistic = Literal["median", "mean", "rms", "max", "share"]
 """Of a metric's values, one a trial: ``share`` is that of the trials above ``above``."""
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+Number = Annotated[int, msgspec.Meta(ge=0)]
+"""That of a variant or a trial."""
 
 
-class Place(_Part):
+class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a list says; keys that it does not know are refused."""
+
+
+class Place(_Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where a metric is found: a campaign, one of its variants, and the estimators, ``e4`` or ``e1..e8``."""
 
     campaign: str = ""
-    variant: int = Field(default=0, ge=0)
+    variant: Number = 0
     node: str | list[str] = "*"
     metric: str = ""
 
@@ -36,7 +40,7 @@ class Place(_Part):
         return [self.node] if isinstance(self.node, str) else self.node
 
 
-class Value(Place):
+class Value(Place, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A number; ``paper`` is what the paper says, a number or words, and the bounds are how to read words.
 
     ``over`` names what each trial's value is divided by, in the same trial.
@@ -51,13 +55,13 @@ class Value(Place):
     at_least: float | None = None
 
 
-class Curve(Place):
+class Curve(Place, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A list column of the results over the steps: an error as its RMS over trials, others as their mean."""
 
     label: str
 
 
-class Points(Place):
+class Points(Place, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A metric over what varies: variants by a ``setting``, or ``each`` of some estimators at its ``x``."""
 
     label: str
@@ -68,15 +72,15 @@ class Points(Place):
     x: list[float] | None = None
 
 
-class Trial(_Part):
+class Trial(_Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One trial of a campaign, to be shown by itself."""
 
     campaign: str = ""
-    variant: int = Field(default=0, ge=0)
-    trial: int = Field(default=0, ge=0)
+    variant: Number = 0
+    trial: Number = 0
 
 
-class Entry(_Part):
+class Entry(_Part, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A figure or table of the paper, or a claim of it."""
 
     name: str
@@ -114,11 +118,9 @@ def read_entries(where: str, listed: Sequence[Any]) -> list[Entry]:
         if not isinstance(one, dict):
             raise ReproduceError(f"{place} is no table; write [[figure]] and its keys below")
         try:
-            entry = Entry.model_validate(_with_what_holds_for_all(one))
-        except ValidationError as error:
-            first = error.errors()[0]
-            at = ".".join(str(part) for part in first["loc"])
-            raise ReproduceError(f"{place}: {at}: {first['msg'].lower()}") from error
+            entry = msgspec.convert(_with_what_holds_for_all(one), Entry)
+        except msgspec.ValidationError as error:
+            raise ReproduceError(f"{place}: {error}".replace("`$.", "`")) from error
         _check(place, entry)
         entries.append(entry)
     names = [entry.name for entry in entries]
@@ -134,7 +136,7 @@ def _with_what_holds_for_all(one: dict[str, Any]) -> dict[str, Any]:
     own = {key: value for key, value in one.items() if key not in _INHERITED}
     for key, kind in _PARTS.items():
         if isinstance(own.get(key), list):
-            known = {name: value for name, value in shared.items() if name in kind.model_fields}
+            known = {name: value for name, value in shared.items() if name in kind.__struct_fields__}
             own[key] = [known | part if isinstance(part, dict) else part for part in own[key]]
     for part in own.get("values", ()):
         if isinstance(part, dict) and isinstance(part.get("over"), dict):

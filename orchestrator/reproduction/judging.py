@@ -25,7 +25,8 @@ def word_on(value: Value, found: Found) -> Word:
     """Return what our number says of the paper's.
 
     A claim with bounds holds when the whole interval is within them. A number agrees when our interval holds
-    it, and is as one run of ours when it lies where most single trials do: papers tend to show one run.
+    it, and is as one run of ours when it lies where most single trials do: papers tend to show one run. Of
+    too few trials for an interval nothing else is said.
     """
     if math.isnan(found.number.value):
         return Word.NOTHING
@@ -35,7 +36,9 @@ def word_on(value: Value, found: Found) -> Word:
         if found.number.holds(value.paper):
             return Word.AGREES
         low, high = found.range
-        return Word.AS_ONE_RUN if low <= value.paper <= high else Word.DIFFERS
+        if low <= value.paper <= high:
+            return Word.AS_ONE_RUN
+        return Word.OPEN if math.isnan(found.number.low) and value.statistic != "max" else Word.DIFFERS
     return Word.NOTHING
 
 

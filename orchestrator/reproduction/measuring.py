@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 from orchestrator.campaign.summary import median_interval
 from orchestrator.evidence.bootstrap import Band, bootstrap, pooled, root_mean_square
@@ -129,14 +130,14 @@ def series(results: Results, curve: Curve) -> Band:
 def over_what_varies(results: Results, points: Points) -> tuple[Floats, list[Found]]:
     """Return where the points stand, in ascending order, and what is found there."""
     if points.each is not None:
-        places = [points.model_copy(update={"node": name}) for name in points.each]
+        places = [replace(points, node=name) for name in points.each]
         at = [float(x) for x in points.x or ()]
     else:
         column = f"{SWEPT}{points.setting}"
         table = results.source(points.campaign).read(lambda name: name in ("variant", column))
         values = dict(zip(table["variant"].to_pylist(), table[column].to_pylist(), strict=True))
         fixed = _fixed(results, points, values)
-        places = [points.model_copy(update={"variant": variant}) for variant in fixed]
+        places = [replace(points, variant=variant) for variant in fixed]
         at = [float(values[variant]) for variant in fixed]
     found = [over_trials(by_trial(results.rows(p), p.metric), p.statistic, p.above) for p in places]
     order = np.argsort(at, kind="stable")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ import pytest
 from orchestrator.reproduction.errors import ReproduceError
 from orchestrator.reproduction.listing import read_listing
 from orchestrator.reproduction.measuring import Results, number, over_what_varies, series
-from orchestrator.reproduction.reports import write_index, write_reports
-from tests.orchestrator.campaign.conftest import ROOT, Home, table_of
+from orchestrator.reproduction.one_trial import run_again
+from orchestrator.reproduction.reports import write_index
+from tests.orchestrator.campaign.conftest import ROOT, SMALL, Home, table_of
 
 LIST = """
 [plain]
@@ -75,8 +77,9 @@ missing = "it shows no results"
 
 def test_every_campaign_of_the_list_is_run_into_a_directory_of_its_name(home: Home) -> None:
     (home.folder / "reproduce.toml").write_text(LIST)
-    done = home.command("reproduce", ".", "--out", "all", "-j", "2", "--json")
+    done = home.command("reproduce", ".", "--out", "all", "-j", "2", "--no-reports", "--json")
     assert done.returncode == 0, done.stderr
+    assert not (home.folder / "all" / "index.html").exists()
     assert list(json.loads(done.stdout)["campaigns"]) == ["plain", "lossy"]
     assert table_of(home.folder / "all" / "plain").num_rows == 3 * 3
     lossy = table_of(home.folder / "all" / "lossy")
@@ -123,32 +126,44 @@ def test_the_campaigns_of_the_papers_are_in_order(paper: str, tmp_path: Path) ->
     assert not (tmp_path / "none").exists()
 
 
-def test_all_figures_of_a_list_are_written_and_stay_as_they_are_when_it_goes_on(home: Home) -> None:
-    (home.folder / "reproduce.toml").write_text(FIGURES)
-    done = home.command("reproduce", ".", "--out", "all", "-j", "2", "--json")
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A folder whose figures are made, and what the command told."""
+    folder = tmp_path_factory.mktemp("finished")
+    (folder / "small.yaml").write_text(SMALL)
+    (folder / "reproduce.toml").write_text(FIGURES)
+    done = Home(folder).command("reproduce", ".", "--out", "all", "-j", "2", "--json")
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
+    return folder, json.loads(done.stdout)
+
+
+def test_all_figures_of_a_list_are_written_and_stay_as_they_are_when_it_goes_on(
+    finished: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, told = finished
+    monkeypatch.chdir(folder)
     names = [str(Path(path).relative_to("all")) for path in told["reports"]]
     assert names == ["plain/report.html", "lossy/report.html", "plain/variant-0-trial-4.html"]
-    assert all((home.folder / "all" / name).stat().st_size > 10_000 for name in names)
-    index = home.folder / "all" / "index.html"
+    assert all((folder / "all" / name).stat().st_size > 10_000 for name in names)
+    index = folder / "all" / "index.html"
     text = index.read_text()
     for expected in ("Somebody 2020", "Table 1", "over itself", "1 [1, 1]", "it shows no results", "holds"):
         assert expected in text
     for target in ("plain/report.html", "plain/variant-0-trial-4.html"):
         assert f'href="{target}"' in text
-    log = home.folder / "all" / "plain" / "replays" / "variant-0-trial-4" / "run.mcap"
-    before = log.stat().st_mtime_ns
     listing = read_listing(Path("."), Path("all"))
-    assert len(list(write_reports(listing))) == 3
+    run = listing.entries[1].run
+    assert run is not None
+    log = folder / "all" / "plain" / "replays" / "variant-0-trial-4" / "run.mcap"
+    before = log.stat().st_mtime_ns
+    assert run_again(Path("all/plain"), run) == log.relative_to(folder)
     write_index(listing)
     assert (index.read_text(), log.stat().st_mtime_ns) == (text, before)
 
 
-def test_numbers_on_the_page_are_those_of_the_results(home: Home) -> None:
-    (home.folder / "reproduce.toml").write_text(FIGURES)
-    assert home.command("reproduce", ".", "--out", "all", "--no-reports", "--json").returncode == 0
-    assert not (home.folder / "all" / "index.html").exists()
+def test_numbers_on_the_page_are_those_of_the_results(finished: tuple[Path, dict[str, Any]]) -> None:
+    folder, _ = finished
+    home = Home(folder)
     results = Results({name: home.folder / "all" / name for name in ("plain", "lossy")})
     listing = read_listing(home.folder, home.folder / "all")
     table, curves, swept, _ = listing.entries
@@ -188,7 +203,11 @@ def test_what_only_leaves_out_is_said_instead_of_shown(home: Home) -> None:
         ('metric = "error.position"', 'metric = "error.positon"', "did you mean 'error.position'"),
         ('"channel...failure"}', '"channel...failures"}', "does not vary 'channel...failures'"),
         ('campaign = "lossy"', 'campaign = "losy"', "did you mean 'lossy'"),
-        ('statistic = "share"', 'statistic = "shares"', "[[figure]] 'Table 1': values.2.statistic"),
+        (
+            'statistic = "share"',
+            'statistic = "shares"',
+            "[[figure]] 'Table 1': Invalid enum value 'shares' - at `values[2].statistic`",
+        ),
         ('name = "Fig 3"', 'name = "Fig 2"', "two [[figure]] are called 'Fig 2'"),
         ('missing = "it shows no results"', "", "shows nothing"),
     ],

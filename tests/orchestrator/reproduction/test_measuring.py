@@ -49,6 +49,7 @@ def test_the_range_holds_most_single_trials():
         (2.0, {}, Interval(2.1, 1.9, 2.3), Word.AGREES),
         (2.5, {}, Interval(2.1, 1.9, 2.3), Word.AS_ONE_RUN),
         (9.0, {}, Interval(2.1, 1.9, 2.3), Word.DIFFERS),
+        (9.0, {}, Interval(2.1, math.nan, math.nan), Word.OPEN),
         ("small", {"at_most": 3.0}, Interval(2.1, 1.9, 2.3), Word.HOLDS),
         ("small", {"at_most": 2.2}, Interval(2.1, 1.9, 2.3), Word.OPEN),
         ("small", {"at_most": 1.0}, Interval(2.1, 1.9, 2.3), Word.FAILS),
