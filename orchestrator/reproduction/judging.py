@@ -17,7 +17,7 @@ class Word(Enum):
     HOLDS = "holds"
     DIFFERS = "differs"
     FAILS = "does not hold"
-    OPEN = "more trials would tell"
+    OPEN = "open"
     NOTHING = "-"
 
 
