@@ -27,7 +27,7 @@ bench: $(READY)
 	$(BIN)/python -m pip install --quiet -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks
 
-reproduce-%: $(READY)  ## the campaigns of a paper, as topologies/PAPER/reproduce.toml lists them
+reproduce-%: $(READY)  ## a paper's campaigns, figures and tables, as topologies/PAPER/reproduce.toml lists them
 	$(BIN)/gauntlet reproduce topologies/$*
 
 $(READY): pyproject.toml constraints.txt

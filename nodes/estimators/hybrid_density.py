@@ -113,17 +113,22 @@ def correct_density(
     n: int,
     unknown: bool,
     reduction: Reduction,
+    noise: Matrix | None = None,
 ) -> tuple[Density, Seen]:
-    """Correct by the packets (Z, m) of one sensor, and prune (Propositions 1 and 2)."""
+    """Correct by the packets (Z, m) of one sensor, and prune (Propositions 1 and 2).
+
+    ``noise`` (m, m) is the covariance of each packet's; None for the sensor's.
+    """
     safe, attacked = density
+    R = sensor.noise if noise is None else noise
     found = (
-        correct(safe, sensor.plain(safe.means, safe.covariances), sensor.noise, packets, unknown=False),
-        correct(attacked, sensor_under_attack(attacked, sensor, n), sensor.noise, packets, unknown),
+        correct(safe, sensor.plain(safe.means, safe.covariances), R, packets, unknown=False),
+        correct(attacked, sensor_under_attack(attacked, sensor, n), R, packets, unknown),
     )
     weights = [_hypotheses(part, one, origin) for part, one in zip((safe, attacked), found, strict=True)]
     if max(log_sum(of_mode) for of_mode in weights) == -math.inf:
         return density, Seen(np.ones(len(packets)), 0.0, 0)
-    seen = _what_was_seen(weights, found, sensor.noise.shape[0])
+    seen = _what_was_seen(weights, found, R.shape[0])
     kept = (
         _chosen(part, one, of_mode, reduction)
         for part, one, of_mode in zip((safe, attacked), found, weights, strict=True)

@@ -26,7 +26,7 @@ from nodes.estimators.hybrid_density import (
     settle,
     start,
 )
-from nodes.estimators.packet_sets import packet_sets
+from nodes.estimators.packet_sets import packet_sets, pooled
 
 Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 _EVERYTHING = math.inf
@@ -94,18 +94,20 @@ class Imm:
         density = self._mixed(step) if step > 0 else self._density
         self._nis, self._nis_dof = 0.0, 0
         for source, members in packet_sets(step, packets, self._sizes).items():
-            for packet in members:
-                density, seen = correct_density(
-                    density,
-                    self._model.sensors[source],
-                    packet.values[None],
-                    _GENUINE,
-                    n=self._model.n,
-                    unknown=False,
-                    reduction=_ONE_EACH,
-                )
-                self._nis += seen.nis
-                self._nis_dof += seen.nis_dof
+            sensor = self._model.sensors[source]
+            measured = pooled(members, sensor.noise)
+            density, seen = correct_density(
+                density,
+                sensor,
+                measured.values[None],
+                _GENUINE,
+                n=self._model.n,
+                unknown=False,
+                reduction=_ONE_EACH,
+                noise=measured.noise,
+            )
+            self._nis += seen.nis + measured.scatter
+            self._nis_dof += seen.nis_dof + measured.scatter_dof
         self._density = settle(density, _ONE_EACH)
         return None
 

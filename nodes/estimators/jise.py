@@ -23,7 +23,7 @@ from nodes.estimators.hybrid_density import (
     start,
 )
 from nodes.estimators.joint_input_state import joseph, unknown_signal
-from nodes.estimators.packet_sets import packet_sets
+from nodes.estimators.packet_sets import packet_sets, pooled
 
 _ALWAYS = Switching(1.0, 1.0)
 _ALL = Reduction(0.0, 0.0, 1)
@@ -81,8 +81,7 @@ class Jise:
             self._density = move(self._density, self._model, self._prior, _ALWAYS, self._input.effect)
         self._nis, self._nis_dof = 0.0, 0
         for source, members in packet_sets(step, packets, self._sizes).items():
-            for packet in members:
-                self._take(source, packet.values)
+            self._take(source, members)
         self._density = settle(self._density, _ALL)
         return None
 
@@ -113,9 +112,10 @@ class Jise:
             diagnostics=diagnostics,
         )
 
-    def _take(self, source: str, values: Vector) -> None:
-        """Correct by one measurement (m,)."""
+    def _take(self, source: str, members: Sequence[Packet]) -> None:
+        """Correct by the measurements of one sensor."""
         sensor, safe, attacked = self._model.sensors[source], *self._density
+        measured = pooled(members, sensor.noise)
         under_attack = attacked.size > 0
         part = attacked if under_attack else safe
         if under_attack:
@@ -123,13 +123,14 @@ class Jise:
         else:
             linear = sensor.plain(part.means, part.covariances)
         free = part.free if part.free is not None else np.zeros((1, 0, 0))
-        found = unknown_signal(part.covariances, linear.slope, sensor.noise, free)
-        innovation = values - linear.value[0]
-        self._nis += float(innovation.dot(found.whitening[0]).dot(innovation))
-        self._nis_dof += len(values) - round(float(np.trace((free - found.free)[0])))
+        found = unknown_signal(part.covariances, linear.slope, measured.noise, free)
+        innovation = measured.values - linear.value[0]
+        self._nis += float(innovation.dot(found.whitening[0]).dot(innovation)) + measured.scatter
+        fixed = round(float(np.trace((free - found.free)[0])))
+        self._nis_dof += innovation.size + measured.scatter_dof - fixed
         corrected = part._replace(
             means=part.means + found.gain[0].dot(innovation),
-            covariances=joseph(part.covariances, found.gain, linear.slope, sensor.noise),
+            covariances=joseph(part.covariances, found.gain, linear.slope, measured.noise),
             free=found.free if under_attack else None,
         )
         self._density = Density(safe, corrected) if under_attack else Density(corrected, attacked)

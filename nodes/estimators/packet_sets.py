@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,3 +67,31 @@ def packet_sets(step: int, packets: Sequence[Packet], sizes: Mapping[str, int]) 
         if packet.sent_step == step and packet.values.size == sizes.get(packet.source):
             found.setdefault(packet.source, {}).setdefault(packet.values.tobytes(), packet)
     return {source: list(found[source].values()) for source in sizes if source in found}
+
+
+class Pooled(NamedTuple):
+    """Measurements that stand for one: the mean ``values`` (m,) with its noise covariance ``noise`` (m, m).
+
+    ``scatter`` is what the NIS of all has beyond that of the mean: chi-square with ``scatter_dof`` degrees of
+    freedom when they measure the same, whatever the state and the signal are.
+    """
+
+    values: Vector
+    noise: Matrix
+    scatter: float
+    scatter_dof: int
+
+
+def pooled(packets: Sequence[Packet], noise: Matrix) -> Pooled:
+    """Return the sufficient statistic of packets (Z, m) that a filter takes all for measurements.
+
+    Of independent ``y_i = h + v_i``, ``v_i ~ N(0, R)``, the mean with ``R / Z`` says all of ``h``; what is
+    left of the likelihood, ``exp(-scatter / 2)``, depends on no hypothesis about it.
+    """
+    if len(packets) == 1:
+        return Pooled(packets[0].values, noise, 0.0, 0)
+    values = np.array([packet.values for packet in packets])
+    mean: Vector = values.mean(axis=0)
+    apart = values - mean
+    scatter = float(np.sum(apart * np.linalg.solve(noise, apart.T).T))
+    return Pooled(mean, noise / len(packets), scatter, apart.size - mean.size)

@@ -49,6 +49,13 @@ def rmse_curve(rows: Rows, group: str, confidence: float = CONFIDENCE) -> Band:
     return _pooled(rows, error**2, np.ones_like(error), confidence)
 
 
+def mean_curve(rows: Rows, name: str, *, root: bool = False, confidence: float = CONFIDENCE) -> Band:
+    """Return the mean of a list column at each step, or the root mean square, over trials that have it."""
+    values = rows.series(name)
+    values = np.pad(values, ((0, 0), (0, rows.steps - values.shape[1])), constant_values=np.nan)
+    return _pooled(rows, values**2 if root else values, np.ones_like(values), confidence, root=root)
+
+
 def rmse(rows: Rows, group: str, confidence: float = CONFIDENCE) -> Interval:
     """Return the RMSE of a state group over the scored steps of all trials in which it did not diverge.
 

@@ -59,5 +59,7 @@ def mean_of_trials(values: Floats, confidence: float = CONFIDENCE) -> Interval:
     if kept.size < 2:
         return Interval(float(kept.mean()) if kept.size else math.nan, math.nan, math.nan)
     mean = float(kept.mean())
-    reach = float(stdtrit(kept.size - 1, (1.0 + confidence) / 2.0) * kept.std(ddof=1) / math.sqrt(kept.size))
+    with np.errstate(over="ignore"):  # the NEES of a filter that is lost knows no bounds
+        spread = kept.std(ddof=1)
+    reach = float(stdtrit(kept.size - 1, (1.0 + confidence) / 2.0) * spread / math.sqrt(kept.size))
     return Interval(mean, mean - reach, mean + reach)

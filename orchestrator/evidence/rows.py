@@ -17,6 +17,7 @@ from bus.messages import Message
 from bus.plan import EstimatorPlan, Plan
 from orchestrator.evidence.derived import Derived, derive
 from orchestrator.score.accuracy import STATE
+from orchestrator.score.attack_beliefs import AttackBeliefs
 from orchestrator.score.catalogue import find_metric, metric_names
 from orchestrator.score.gather import Gathered, gather
 from orchestrator.score.measure import LinkSet, link_value, measure, node_value, pooled_senders
@@ -151,7 +152,24 @@ def _series(plan: Plan, evidence: Evidence, i: int) -> Row:
         "attacked": evidence.attacked[i],
         "sent": evidence.gathered.sent[numbers].sum(axis=0),
         "slots": sum(senders.values()),
+        **_of_signal_attacks(evidence.gathered.attack_beliefs, i),
     }
+
+
+def _of_signal_attacks(beliefs: AttackBeliefs, i: int) -> Row:
+    """Return what estimator i said of each step's signal attack: its probability, the error of its signal.
+
+    The error is that of the estimate given that there is an attack, in the steps in which there was one.
+    """
+    about = beliefs.about[i]
+    said = np.flatnonzero(about >= 0)
+    probability, error = (np.full(about.size, np.nan) for _ in range(2))
+    probability[about[said]] = beliefs.probability[i, said]
+    if beliefs.signal.shape[1]:
+        at = about[said]
+        apart = np.linalg.norm(beliefs.value[i, said] - beliefs.signal[at], axis=1)
+        error[at] = np.where(beliefs.on[at], apart, np.nan)
+    return {"attack_probability": probability, "attack_error": error}
 
 
 def _derived(derived: Derived, i: int, groups: Mapping[str, Sequence[int]]) -> Row:

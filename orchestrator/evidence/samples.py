@@ -51,7 +51,7 @@ class Sample:
 def sample(rows: Rows, metric: str) -> Sample:
     """Return a metric in each trial of some rows."""
     better = meaning_of(metric).better
-    values = _by_window(rows) if is_measured_by_window(metric) else _by_trial(rows, metric)
+    values = _by_window(rows) if is_measured_by_window(metric) else by_trial(rows, metric)
     worst = {Better.LESS: np.inf, Better.MORE: -np.inf}.get(better, np.nan)
     values = np.where(rows.failed, worst, values)
     if better is Better.ONE:
@@ -63,7 +63,8 @@ def sample(rows: Rows, metric: str) -> Sample:
     return Sample(keys, values[known], int(rows.failed.sum()), int(np.sum(~known)))
 
 
-def _by_trial(rows: Rows, metric: str) -> Floats:
+def by_trial(rows: Rows, metric: str) -> Floats:
+    """Return a metric's value in each trial (T,), of all its rows together; NaN where undefined or failed."""
     values = rows.scalar(metric)
     known = ~np.isnan(values)
     together = _TOGETHER[meaning_of(metric).together]

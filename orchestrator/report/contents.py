@@ -69,7 +69,7 @@ class Figure:
 class Table:
     """A table: ``rows`` of cells as they are to be read; the columns in ``words`` are no numbers.
 
-    A cell may be a `Mark`. ``folded`` tables show their caption only, until they are opened.
+    A cell may be a `Mark` or a `Link`. ``folded`` tables show their caption only, until they are opened.
     """
 
     caption: str
@@ -85,6 +85,14 @@ class Mark:
 
     text: str
     tone: str
+
+
+@dataclass(frozen=True)
+class Link:
+    """A cell that leads to another page; ``target`` is relative to this one."""
+
+    text: str
+    target: str
 
 
 @dataclass(frozen=True)

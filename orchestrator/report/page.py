@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 
 from orchestrator.report.contents import Page
@@ -20,6 +21,13 @@ def plotly_js() -> str:
         raise ReportError(MISSING.format("plotly")) from None
     source: str = get_plotlyjs()
     return source.replace("</script", "<\\/script")
+
+
+def require_libraries() -> None:
+    """Raise `ReportError` unless a page can be made: for those who would find out after hours of work."""
+    for name in ("plotly", "jinja2"):
+        if find_spec(name) is None:
+            raise ReportError(MISSING.format(name))
 
 
 def html(page: Page) -> str:

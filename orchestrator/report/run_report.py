@@ -11,6 +11,7 @@ from orchestrator.report.contents import Block, Mark, Page, Section, Table, Text
 from orchestrator.report.detection import roc_figure, run_curves, timeline_figure
 from orchestrator.report.network import network_figure
 from orchestrator.report.recording import Recording, read_recording
+from orchestrator.report.signals import signal_figure
 from orchestrator.report.thinning import STRETCHES
 from orchestrator.report.tracking import disagreement_figure, error_figure, tracking_figure
 from orchestrator.report.traffic import link_table, matrix_figure, rate_figure
@@ -221,10 +222,15 @@ def run_page(path: Path) -> Page:
     word, _, rest = headline(score).partition(": ")
     if max(_windows(own) for own in recording.attacked) > STRETCHES:
         notes.append(f"More than {STRETCHES} stretches of attacked steps are shaded with short gaps joined.")
+    signal = signal_figure(recording)
     over_time, apart = over_time_figure(recording, notes), disagreement_figure(recording)
     sections = [
         Section("network-section", "Network", [network_figure(recording)]),
-        Section("tracking-section", "Truth and estimates", [tracking_figure(recording, notes)]),
+        Section(
+            "tracking-section",
+            "Truth and estimates",
+            [tracking_figure(recording, notes), *([signal] if signal else [])],
+        ),
         Section(
             "errors-section",
             "Errors",

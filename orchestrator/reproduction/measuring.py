@@ -1,0 +1,158 @@
+"""From the results of campaigns to the numbers that stand beside a paper's, each with its interval."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+
+from orchestrator.campaign.summary import median_interval
+from orchestrator.evidence.bootstrap import Band, bootstrap, pooled, root_mean_square
+from orchestrator.evidence.columns import Rows, select
+from orchestrator.evidence.figures import mean_curve, rmse_curve
+from orchestrator.evidence.intervals import Interval, only, share
+from orchestrator.evidence.samples import by_trial
+from orchestrator.evidence.sources import Source, load_source
+from orchestrator.evidence.table import SWEPT
+from orchestrator.reproduction.claims import Curve, Place, Points, Statistic, Value
+from orchestrator.reproduction.errors import ReproduceError
+from orchestrator.score.gather import Floats
+from orchestrator.topology.names import select as select_names
+
+_MIDDLE = (0.05, 0.95)
+"""The single trials between which most lie."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A number over trials with its interval, and the range of the single trials' own (5 to 95 %).
+
+    The range is NaN for what no single trial has, such as a share of trials.
+    """
+
+    number: Interval
+    range: tuple[float, float]
+    trials: int
+
+
+@dataclass
+class Results:
+    """The results of finished campaigns, by name; each column is read once, when it is asked for."""
+
+    directories: Mapping[str, Path]
+    _sources: dict[str, Source] = field(default_factory=dict)
+
+    def source(self, name: str) -> Source:
+        """Return a campaign's results."""
+        if name not in self._sources:
+            self._sources[name] = load_source(self.directories[name])
+        return self._sources[name]
+
+    def rows(self, place: Place) -> Rows:
+        """Return the rows of some estimators of a variant, with what is needed of a metric."""
+        source = self.source(place.campaign)
+        wanted = {"variant", "trial", "seed", "node", "method", "status", "divergence_step", "nis_dof"}
+        table = source.read(lambda name: name in wanted or name == place.metric)
+        if place.metric not in table.column_names:
+            raise ReproduceError(f"{place.campaign} has no column '{place.metric}' in {source.path}")
+        held = list(dict.fromkeys(table.column("node").to_pylist()))
+        nodes = [name for pattern in place.nodes for name in select_names(pattern, held)]
+        return select(table, variant=place.variant, nodes=nodes or list(place.nodes))
+
+
+def number(results: Results, value: Value) -> Found:
+    """Return a value over trials, or the ratio of it to another in the same trials."""
+    rows = results.rows(value)
+    values = by_trial(rows, value.metric)
+    if value.over is None:
+        return over_trials(values, value.statistic, value.above)
+    below = results.rows(value.over)
+    known = dict(zip(below.keys, by_trial(below, value.over.metric), strict=True))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = values / np.array([known.get(key, np.nan) for key in rows.keys])
+    return over_trials(ratio, value.statistic, value.above)
+
+
+def over_trials(values: Floats, statistic: Statistic, above: float = 0.0) -> Found:
+    """Return a statistic of values (T,), one a trial; undefined ones, NaN, are left out."""
+    known = values[~np.isnan(values)]
+    if not known.size:
+        return Found(Interval(math.nan, math.nan, math.nan), (math.nan, math.nan), 0)
+    nowhere = (math.nan, math.nan)
+    if statistic == "share":
+        return Found(share(int(np.sum(known > above)), known.size), nowhere, known.size)
+    low, high = (float(np.quantile(known, q, method="closest_observation")) for q in _MIDDLE)
+    return Found(_STATISTICS[statistic](known), (low, high), known.size)
+
+
+def _median(known: Floats) -> Interval:
+    found = median_interval(known)
+    low, high = (math.nan if bound is None else bound for bound in (found.low, found.high))
+    return Interval(found.median, low, high)
+
+
+def _mean(known: Floats) -> Interval:
+    if not np.isfinite(known).all():
+        return Interval(math.inf, math.nan, math.nan)
+    return only(bootstrap(pooled(known[:, None], np.ones((known.size, 1))), known.size))
+
+
+def _rms(known: Floats) -> Interval:
+    if not np.isfinite(known).all():
+        return Interval(math.inf, math.nan, math.nan)
+    return only(bootstrap(root_mean_square(known[:, None]), known.size))
+
+
+def _largest(known: Floats) -> Interval:
+    return Interval(float(known.max()), math.nan, math.nan)
+
+
+_STATISTICS: Mapping[Statistic, Callable[[Floats], Interval]] = {
+    "median": _median,
+    "mean": _mean,
+    "rms": _rms,
+    "max": _largest,
+}
+
+
+def series(results: Results, curve: Curve) -> Band:
+    """Return a list column by step, over trials."""
+    rows = results.rows(curve)
+    if curve.metric.startswith("error."):
+        return rmse_curve(rows, curve.metric.removeprefix("error."))
+    return mean_curve(rows, curve.metric, root=curve.metric == "attack_error")
+
+
+def over_what_varies(results: Results, points: Points) -> tuple[Floats, list[Found]]:
+    """Return where the points stand, in ascending order, and what is found there."""
+    if points.each is not None:
+        places = [replace(points, node=name) for name in points.each]
+        at = [float(x) for x in points.x or ()]
+    else:
+        column = f"{SWEPT}{points.setting}"
+        table = results.source(points.campaign).read(lambda name: name in ("variant", column))
+        values = dict(zip(table["variant"].to_pylist(), table[column].to_pylist(), strict=True))
+        fixed = _fixed(results, points, values)
+        places = [replace(points, variant=variant) for variant in fixed]
+        at = [float(values[variant]) for variant in fixed]
+    found = [over_trials(by_trial(results.rows(p), p.metric), p.statistic, p.above) for p in places]
+    order = np.argsort(at, kind="stable")
+    return np.array(at)[order], [found[i] for i in order]
+
+
+def _fixed(results: Results, points: Points, values: Mapping[int, str]) -> list[int]:
+    """Return the variants that differ from the part's own in its setting alone."""
+    swept = f"{SWEPT}{points.setting}"
+    table = results.source(points.campaign).read(lambda name: name == "variant" or name.startswith(SWEPT))
+    others = [name for name in table.column_names if name.startswith(SWEPT) and name != swept]
+    settings = {
+        variant: tuple(own)
+        for variant, *own in zip(
+            table["variant"].to_pylist(), *(table[name].to_pylist() for name in others), strict=True
+        )
+    }
+    return [variant for variant in values if settings[variant] == settings[points.variant]]
