@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 
 from bus import keys
 from bus.messages import Credit, Message
-from bus.packets import Delivery
-from bus.program import Program, Scheduler
+from bus.program import Form, Program, Scheduler
 
 Sink = Callable[[str, Message], None]
 """Takes every message with its topic, in the order in which they happen to be sent."""
 
-Carrier = Callable[[str, Delivery], None]
-"""Takes every inbox with its topic where inboxes are carried and not made messages of."""
+Carrier = Callable[[str, Message | Form], None]
+"""Takes everything with its topic where forms are carried and not made messages of."""
 
 
 class InProcessBus:
@@ -55,16 +54,19 @@ class InProcessBus:
 
 
 class CarryingBus(InProcessBus):
-    """A port that saves what it costs to make messages of inboxes and inboxes of messages.
+    """A port that saves what it costs to make messages of packets and arrays, and to read them again.
 
-    The programs compute the same, and the carrier sees the packets that the sink of `InProcessBus` would see.
+    The programs compute the same, and the carrier is told what the sink of `InProcessBus` would be told.
     """
 
-    def __init__(self, sink: Sink, carrier: Carrier, credits_to: Sequence[str]) -> None:
-        super().__init__(sink, credits_to)
+    def __init__(self, carrier: Carrier, credits_to: Sequence[str]) -> None:
+        super().__init__(carrier, credits_to)
         self._carrier = carrier
 
-    def carry(self, topic: str, delivered: Delivery) -> None:
-        """Show an inbox to the carrier and queue it for its receiver."""
-        self._carrier(topic, delivered)
-        self._deliver(topic, delivered)
+    def carry(self, topic: str, form: Form) -> None:
+        """Show a form to the carrier and queue it for its receivers."""
+        self._carrier(topic, form)
+        self._deliver(topic, form)
+        step = form.step
+        if step >= self._steps_begun:
+            self._steps_begun = step + 1

@@ -16,16 +16,35 @@ from bus.messages import Message
 Program = Generator[str, Any, None]
 
 
+class Form(Protocol):
+    """What a program has to say, as the mathematics has it: packets, arrays. A message tells the same."""
+
+    @property
+    def step(self) -> int:
+        """The step that it belongs to."""
+        ...
+
+    def message(self) -> Message:
+        """Return the message that tells it."""
+        ...
+
+
 class Port(Protocol):
     """Where a program sends to.
 
-    One that keeps to this process may have ``carry(topic, delivery)``, too: it takes an inbox in the form of
-    a `bus.packets.Delivery`.
+    One that keeps to this process and its memory may have ``carry(topic, form)``, too: it hands a `Form` on
+    as it is, and who receives it reads it at once, or only what is its own.
     """
 
     def send(self, topic: str, message: Message) -> None:
         """Send a message on a topic."""
         ...
+
+
+def outlet(port: Port) -> Callable[[str, Form], None]:
+    """Return what sends forms through a port: as they are where it carries them, else as messages."""
+    carry: Callable[[str, Form], None] | None = getattr(port, "carry", None)
+    return carry or (lambda topic, form: port.send(topic, form.message()))
 
 
 class NodeError(RuntimeError):

@@ -56,12 +56,13 @@ class _Inbox:
     ``told`` holds, by the place of a slot, what the receiver is told of the attack on it.
     """
 
-    __slots__ = ("has_impostors", "left", "slots", "told")
+    __slots__ = ("has_impostors", "left", "slots", "told", "untouched")
 
     def __init__(self, links: int) -> None:
         self.left = links
         self.slots: list[Sequence[Packet]] = [()] * links
         self.has_impostors = False
+        self.untouched = True
         self.told: dict[int, Packet] = {}
 
 
@@ -152,11 +153,12 @@ class PhaseNetwork:
 
     def transmit(
         self, source: str, step: int, round_: int, packets: Sequence[Packet]
-    ) -> list[tuple[str, list[Packet]]]:
-        """Pass a sender's slot over all its links; return the inboxes (receiver, packets) that it completed.
+    ) -> list[tuple[str, list[Packet], bool]]:
+        """Pass a sender's slot over all its links; return the inboxes that it completed.
 
-        Packets of an inbox stand in the order of their sources' names. Where stages made several of one
-        source meet, their order is a draw, and betrays nothing.
+        An inbox is told as its receiver, the packets, and whether they are nothing but packets as they were
+        sent, in the slot in which they were. Packets of an inbox stand in the order of their sources' names.
+        Where stages made several of one source meet, their order is a draw, and betrays nothing.
         """
         account = self._accounts.get((step, round_))
         if account is None:
@@ -188,9 +190,11 @@ class PhaseNetwork:
                 told = link.told(slot, packets)
                 if told is not None:
                     inbox.told[link.place] = told
+                    inbox.untouched = False
             inbox.left -= 1
             if not inbox.left:
-                complete.append((link.destination, self._packets(link.destination, slot, inbox)))
+                arrived = self._packets(link.destination, slot, inbox)
+                complete.append((link.destination, arrived, inbox.untouched))
         account.left -= len(self._from[source])
         return complete
 
@@ -201,6 +205,9 @@ class PhaseNetwork:
 
         No stage speaks as an oracle: such a packet is refused here, for its receiver could not tell.
         """
+        if not arrived:
+            return arrived
+        inbox.untouched = False
         genuine = [packet for packet in arrived if packet.kind != ORACLE]
         refused = len(arrived) - len(genuine)
         if refused:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 import time
 import traceback
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bus.inprocess import Carrier
 from bus.messages import Message, Truth
 from bus.plan import Plan
-from bus.program import NodeError
+from bus.program import Form, NodeError
 from orchestrator.backends.inprocess import run_carried
 from orchestrator.evidence.rows import Row, failed_row, gathered_rows
 from orchestrator.score.gather import Gatherer, ScoreError
@@ -54,7 +54,7 @@ def run_trial(plan: Plan, logged: Topology, trial: int) -> tuple[list[Row], Tria
     gatherer = Gatherer(here.plan)
     stamps: list[float] = []
     try:
-        run_carried(own, _noting_steps(gatherer, stamps), gatherer.take, _WINDOW)
+        run_carried(own, _noting_steps(gatherer, stamps), _WINDOW)
         rows = gathered_rows(here, gatherer.finish())
     except Exception as error:
         print(f"{own.name}, trial {trial}:", file=sys.stderr)
@@ -64,11 +64,11 @@ def run_trial(plan: Plan, logged: Topology, trial: int) -> tuple[list[Row], Tria
     return rows, _timing(begun, stamps)
 
 
-def _noting_steps(gatherer: Gatherer, stamps: list[float]) -> Callable[[str, Message], None]:
-    """Return a sink that gathers every message and notes when each step begins."""
+def _noting_steps(gatherer: Gatherer, stamps: list[float]) -> Carrier:
+    """Return a carrier that gathers everything and notes when each step begins."""
     gather, clock = gatherer.take, time.perf_counter
 
-    def take(topic: str, message: Message) -> None:
+    def take(topic: str, message: Message | Form) -> None:
         if type(message) is Truth:
             stamps.append(clock())
         gather(topic, message)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.messages import ChannelEvents, Inbox
-from bus.packets import Delivery
+from bus.packets import Packet
 from orchestrator.errors import InputError
 
 MOST_LOOSE = 20_000
@@ -77,16 +77,21 @@ class Payloads:
     def __init__(self) -> None:
         self._sizes, self._values = array("q"), array("d")
 
-    def take(self, message: Inbox | Delivery) -> None:
+    def take(self, message: Inbox) -> None:
         """Take those of one inbox."""
-        if isinstance(message, Delivery):
-            for packet in message.packets:
-                self._sizes.append(packet.values.size)
-                self._values.extend(packet.values.tolist())
-        else:
-            ends = (*message.offset[1:], len(message.values))
-            self._sizes.extend(map(operator.sub, ends, message.offset))
-            self._values.extend(message.values)
+        ends = (*message.offset[1:], len(message.values))
+        self._sizes.extend(map(operator.sub, ends, message.offset))
+        self._values.extend(message.values)
+
+    def take_packets(self, packets: Sequence[Packet]) -> None:
+        """Take those of an inbox that holds them as they are."""
+        for packet in packets:
+            self._sizes.append(packet.values.size)
+            self._values.extend(packet.values.tolist())
+
+    def pass_over(self, number: int) -> None:
+        """Leave out a number of payloads; their norms are not to be wanted."""
+        self._sizes.extend([0] * number)
 
     def norms(self, wanted: Bools) -> Floats:
         """Return the Euclidean norm of each payload that is wanted, NaN for the others."""

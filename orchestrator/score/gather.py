@@ -13,8 +13,10 @@ import numpy as np
 from bus import keys
 from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
-from bus.packets import ORACLE, Delivery, packets_of_inbox
+from bus.packets import ORACLE, Delivery, Packet, Sending, packets_of_inbox, packets_of_transmission
 from bus.plan import Plan
+from bus.program import Form
+from nodes.published import Published
 from orchestrator.score.attack_beliefs import AttackBeliefs, AttackListener
 from orchestrator.score.columns import (
     COUNTS,
@@ -115,17 +117,23 @@ class Gatherer:
         self.estimators = _Index({estimator.name: i for i, estimator in enumerate(plan.estimators)})
         self.links = _Index({link.name: i for i, link in enumerate(plan.links)})
         self.stages = _Index({stage.label: i for i, stage in enumerate(plan.stages)})
-        self.inboxes: list[tuple[str, Inbox | Delivery]] = []
+        self.inboxes: list[tuple[str, Inbox]] = []
         self.payloads = Payloads()
         self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
+        self.receivers = {
+            keys.rx(link.destination, keys.phase_of(link.stream)): self.incoming[link.destination]
+            for link in plan.links
+        }
         self.told = {keys.rx(own.name, keys.CORRECT) for own in plan.estimators if own.oracles}
         self.false_data = FalseDataListener(plan)
         self.truth: dict[int, list[float]] = {}
         self.of_attacks = AttackListener()
         self.loose: list[tuple[str, Estimate]] = []
         self.estimates = tuple(array("q") for _ in range(7))  # see `_pack_estimates`
+        self.appends = [column.append for column in self.estimates]
+        self.speaking: dict[tuple[str, ...], bool] = {}
         self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
         senders: dict[tuple[str, str], list[str]] = {}
         for link in plan.links:
@@ -135,20 +143,23 @@ class Gatherer:
         self.ledgers: dict[tuple[str, int], Ledger] = {}
         self.all_ledgers: list[Ledger] = []
         self.measurements = MeasurementRows(plan)
+        self.measuring = {keys.tx(own.name, keys.MEASUREMENT): own.name for own in plan.sensors}
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.triggered = frozenset(plan.triggered)
         self.said_sent: dict[str, tuple[int, float]] = {}
-        self.takers: dict[type[Message | Delivery], Callable[[str, Any], None]] = {
+        self.takers: dict[type[Message | Form], Callable[[str, Any], None]] = {
             Truth: self._take_truth,
             Estimate: self._take_estimate,
+            Published: self._take_published,
             Inbox: self._take_inbox,
-            Delivery: self._take_inbox,
+            Delivery: self._take_delivery,
             ChannelEvents: self._take_events,
-            Transmission: self._take_transmission,
+            Transmission: self._take_sent,
+            Sending: self._take_sent,
         }
 
-    def take(self, topic: str, message: Message | Delivery) -> None:
-        """Take a message, or an inbox in the form of its packets; what no score needs is passed over."""
+    def take(self, topic: str, message: Message | Form) -> None:
+        """Take a message or the form that tells the same; what no score needs is passed over."""
         take = self.takers.get(type(message))
         if take is not None:
             take(topic, message)
@@ -166,7 +177,42 @@ class Gatherer:
         if len(self.loose) >= MOST_LOOSE:
             self._pack_estimates()
 
-    def _take_diagnostics(self, name: str, message: Estimate) -> None:
+    def _take_published(self, topic: str, form: Published) -> None:
+        name = topic[_AFTER_ESTIMATE:]
+        state, covariance = form.state, form.covariance
+        values = (
+            self.estimators[name],
+            form.step,
+            form.refers_to,
+            form.diverged,
+            form.nis_dof,
+            state.size,
+            covariance.size,
+        )
+        for append, value in zip(self.appends, values, strict=True):
+            append(value)
+        self.nis.append(form.nis)
+        self.state.extend(state.tolist())
+        self.covariance.extend(covariance.ravel().tolist())
+        rows = self.verdicts
+        for detection in form.detections:
+            rows.link.append(self.incoming[name][detection.source])
+            rows.step.append(form.step)
+            rows.sequence.append(detection.sequence)
+            rows.mark.append(bool(detection.alarm))
+            rows.value.append(detection.statistic)
+        if form.diagnostics and self._speaks(tuple(form.diagnostics)):
+            self._take_diagnostics(name, form)
+
+    def _speaks(self, names: tuple[str, ...]) -> bool:
+        """Return whether diagnostics of these names say something that is listened to."""
+        speaks = self.speaking.get(names)
+        if speaks is None:
+            speaks = any(name in (SENT, "a0") or name.startswith("attack_") for name in names)
+            self.speaking[names] = speaks
+        return speaks
+
+    def _take_diagnostics(self, name: str, message: Estimate | Published) -> None:
         self.of_attacks.take_estimate(self.estimators[name], message)
         self.false_data.take_estimate(name, message)
         if name in self.triggered and SENT in message.diagnostic_name:
@@ -174,9 +220,12 @@ class Gatherer:
             said, total = self.said_sent.get(name, (0, 0.0))
             self.said_sent[name] = said + 1, total + share
 
-    def _take_transmission(self, topic: str, message: Transmission) -> None:
-        self.measurements.take_sent(topic, message)
-        self.false_data.take_transmission(topic, message)
+    def _take_sent(self, topic: str, message: Transmission | Sending) -> None:
+        source = self.measuring.get(topic)
+        if source is not None:
+            packets = packets_of_transmission(message, source, keys.MEASUREMENT)
+            self.measurements.take_sent(source, message.step, packets)
+            self.false_data.take_sent(topic, message.step, packets)
 
     def _pack_estimates(self) -> None:
         """Pack the estimates' numbers; of many at once, for that takes a third of the time."""
@@ -205,9 +254,27 @@ class Gatherer:
         rows.value.extend([value for _, own in judging for value in own.detector_statistic])
         self.loose.clear()
 
-    def _take_inbox(self, topic: str, message: Inbox | Delivery) -> None:
+    def _take_delivery(self, topic: str, form: Delivery) -> None:
+        packets, step = form.packets, form.step
+        if not packets:
+            return
+        self.false_data.take_inbox(topic, step, packets)
+        if form.untouched:
+            incoming = self.receivers[topic]
+            links = [incoming[packet.source] for packet in packets]
+            self.payloads.pass_over(len(packets))
+        else:
+            links = self._let_in(topic, packets)
+            self.payloads.take_packets(packets)
+        rows = self.deliveries
+        rows.link.extend(links)
+        rows.step.extend([step] * len(packets))
+        rows.sequence.extend([packet.sequence for packet in packets])
+        self.measurements.take_inbox(topic, step, packets, links, untouched=form.untouched)
+
+    def _take_inbox(self, topic: str, message: Inbox) -> None:
         if message.source:
-            self.false_data.take_inbox(topic, message)
+            self.false_data.take_inbox(topic, message.step, packets_of_inbox(message))
             self.inboxes.append((topic, message))
             if len(self.inboxes) >= MOST_LOOSE:
                 self._pack_inboxes(with_values=True)
@@ -222,7 +289,9 @@ class Gatherer:
         rows.sequence.extend(chain.from_iterable([message.sequence for message in held]))
         ends = accumulate(len(message.source) for message in held)
         for (topic, message), end in zip(self.inboxes, ends, strict=True):
-            self.measurements.take_inbox(topic, message, links[end - len(message.source) : end])
+            if self.measurements.hears(topic):
+                packets, own = packets_of_inbox(message), links[end - len(message.source) : end]
+                self.measurements.take_inbox(topic, message.step, packets, own, untouched=False)
         if with_values:
             for message in held:
                 self.payloads.take(message)
@@ -235,9 +304,11 @@ class Gatherer:
             links = [incoming[topic][source] for topic, message in self.inboxes for source in message.source]
             if min(links, default=0) >= 0:
                 return links
-        return [link for topic, message in self.inboxes for link in self._let_in(topic, message)]
+        return [
+            link for topic, message in self.inboxes for link in self._let_in(topic, packets_of_inbox(message))
+        ]
 
-    def _let_in(self, topic: str, message: Inbox | Delivery) -> list[int]:
+    def _let_in(self, topic: str, packets: Sequence[Packet]) -> list[int]:
         """Return the links of one inbox's packets, each looked at by itself."""
         node, phase = topic.split("/")[1:3]
         gate, incoming = self.gates.get((node, phase)), self.incoming[node]
@@ -245,7 +316,7 @@ class Gatherer:
             incoming[packet.source]
             if packet.kind != ORACLE and (gate is None or gate.admits(packet))
             else _REFUSED
-            for packet in packets_of_inbox(message)
+            for packet in packets
         ]
 
     def _take_events(self, topic: str, message: ChannelEvents) -> None:

@@ -68,7 +68,8 @@ def played(plan: Plan, quiet: Sequence[int] = ()) -> tuple[dict[str, Noted], dic
     for step in range(STEPS):
         for source in network.sources:
             genuine = Packet(source, step, step, keys.MEASUREMENT, np.array([1.0 + step, 2.0]))
-            for receiver, packets in network.transmit(source, step, 0, [] if step in quiet else [genuine]):
+            sent = [] if step in quiet else [genuine]
+            for receiver, packets, _ in network.transmit(source, step, 0, sent):
                 rows = arrived.setdefault(receiver, [])
                 rows += [(p.source, p.sent_step, p.sequence, p.values.tolist()) for p in packets]
         account = network.take_events(step, 0)

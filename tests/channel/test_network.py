@@ -98,7 +98,7 @@ def carry(plan: Plan, sent: Mapping[Slot, Sequence[Packet]], order: Sequence[str
     accounts = {}
     for name in order:
         _, step, round_ = slot = waiting[name].pop(0)
-        for receiver, packets in network.transmit(name, step, round_, sent[slot]):
+        for receiver, packets, _ in network.transmit(name, step, round_, sent[slot]):
             assert (receiver, step, round_) not in inboxes, "an inbox is complete once"
             inboxes[receiver, step, round_] = [
                 (packet.source, packet.sequence, tuple(packet.values.tolist())) for packet in packets

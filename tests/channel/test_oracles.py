@@ -62,7 +62,7 @@ def passed(
     inboxes: dict[str, list[Packet]] = {}
     for source in order:
         packet = Packet(source, step, step, keys.MEASUREMENT, np.array([1.0, 2.0]))
-        inboxes.update(network.transmit(source, step, 0, [packet]))
+        inboxes.update({to: arrived for to, arrived, _ in network.transmit(source, step, 0, [packet])})
     events = network.take_events(step, 0)
     assert events is not None
     return inboxes, events
