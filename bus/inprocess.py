@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from bus import keys
 from bus.messages import Credit, Message
@@ -11,8 +12,8 @@ from bus.program import Form, Program, Scheduler
 Sink = Callable[[str, Message], None]
 """Takes every message with its topic, in the order in which they happen to be sent."""
 
-Carrier = Callable[[str, Message | Form], None]
-"""Takes everything with its topic where forms are carried and not made messages of."""
+Carrier = Callable[[str], Callable[[Any], None] | None]
+"""Returns what takes the forms of a topic, None when they are of no interest."""
 
 
 class InProcessBus:
@@ -56,17 +57,22 @@ class InProcessBus:
 class CarryingBus(InProcessBus):
     """A port that saves what it costs to make messages of packets and arrays, and to read them again.
 
-    The programs compute the same, and the carrier is told what the sink of `InProcessBus` would be told.
+    The programs compute the same, and sink and carrier are told what that of `InProcessBus` would be told.
+    A step begins with the message of its truth.
     """
 
-    def __init__(self, carrier: Carrier, credits_to: Sequence[str]) -> None:
-        super().__init__(carrier, credits_to)
+    def __init__(self, sink: Sink, carrier: Carrier, credits_to: Sequence[str]) -> None:
+        super().__init__(sink, credits_to)
         self._carrier = carrier
 
-    def carry(self, topic: str, form: Form) -> None:
-        """Show a form to the carrier and queue it for its receivers."""
-        self._carrier(topic, form)
-        self._deliver(topic, form)
-        step = form.step
-        if step >= self._steps_begun:
-            self._steps_begun = step + 1
+    def outlet(self, topic: str) -> Callable[[Form], None]:
+        """Return what shows a topic's forms to the carrier and queues them for their receivers."""
+        take, hand = self._carrier(topic), self._scheduler.outlet(topic)
+        if take is None:
+            return hand
+
+        def put(form: Form) -> None:
+            take(form)
+            hand(form)
+
+        return put

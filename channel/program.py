@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from bus import keys
 from bus.messages import ChannelEvents, Transmission
 from bus.packets import Delivery, Packet, Sending, packets_of_transmission
 from bus.plan import Plan
-from bus.program import Port, Program, every_step, outlet
+from bus.program import Form, Port, Program, every_step, outlet
 from channel.network import PhaseNetwork, build_networks
 
 STREAMS = (keys.MEASUREMENT, keys.EXCHANGE, keys.CONTROL)
@@ -71,8 +71,7 @@ def _sender_program(
 ) -> Program:
     topic = keys.tx(source, stream)
     phase = keys.phase_of(stream)
-    inbox_topics: dict[str, str] = {}
-    put = outlet(port)
+    outlets: dict[str, Callable[[Form], None]] = {}
     silent_from = plan.silent_from(source)
     is_told = bool(network.watched)
 
@@ -95,10 +94,10 @@ def _sender_program(
                 slot: Transmission | Sending = yield topic
                 packets = packets_of_transmission(slot, source, stream)
             for receiver, arrived, untouched in network.transmit(source, step, round_, packets):
-                inbox_topic = inbox_topics.get(receiver)
-                if inbox_topic is None:
-                    inbox_topic = inbox_topics[receiver] = keys.rx(receiver, phase)
-                put(inbox_topic, Delivery(step, t, round_, arrived, untouched))
+                put = outlets.get(receiver)
+                if put is None:
+                    put = outlets[receiver] = outlet(port, keys.rx(receiver, phase))
+                put(Delivery(step, t, round_, arrived, untouched))
             events = network.take_events(step, round_)
             if events is not None:
                 told_of.take(events)

@@ -101,7 +101,6 @@ def estimator_program(
     """
     inbox_topic = keys.rx(own.name, keys.CORRECT)
     exchange_topic = keys.rx(own.name, keys.EXCHANGE)
-    estimate_topic = keys.estimate(own.name)
     control_topic = keys.rx(own.name, keys.CONTROL)
     is_heard = any(link.source == own.name for link in plan.links_of(keys.EXCHANGE))
     guard = _Guard(own.name, estimator, state_size)
@@ -109,7 +108,8 @@ def estimator_program(
     measured = Gate(plan, own.sensors)
     exchanged = Gate(plan, own.neighbours)
     controlled = Gate(plan, own.controllers)
-    send, put = sender(port, plan, own.name, keys.EXCHANGE), outlet(port)
+    send = sender(port, plan, own.name, keys.EXCHANGE)
+    put = outlet(port, keys.estimate(own.name))
     tell = watch(port, plan, own.name)
     refused = 0
 
@@ -153,7 +153,7 @@ def estimator_program(
                 packets = admitted((yield exchange_topic), exchanged)
             payload = guard.payload(step, round_, packets)
         estimate = guard.estimate(step, t, refused)
-        put(estimate_topic, estimate)
+        put(estimate)
         tell(step, [float(sum([bool(detection.alarm) for detection in estimate.detections]))])
 
     return every_step(own.name, plan.silent_from(own.name), one_step)

@@ -129,7 +129,7 @@ def plant_program(
 
 def sender(port: Port, plan: Plan, name: str, stream: str) -> Callable[[int, int, int, Vector | None], None]:
     """Return what sends a node's slots of a stream, given step, round, sequence number and payload."""
-    put, topic, seal, period_s = outlet(port), keys.tx(name, stream), seal_of(plan, name), plan.period_s
+    put, seal, period_s = outlet(port, keys.tx(name, stream)), seal_of(plan, name), plan.period_s
 
     def send(step: int, round_: int, sequence: int, values: Vector | None) -> None:
         packets = []
@@ -140,7 +140,7 @@ def sender(port: Port, plan: Plan, name: str, stream: str) -> Callable[[int, int
             if seal is not None:
                 packet = Packet(name, step, sequence, stream, own, seal(packet))
             packets = [packet]
-        put(topic, Sending(step, step * period_s, round_, packets))
+        put(Sending(step, step * period_s, round_, packets))
 
     return send
 

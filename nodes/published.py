@@ -15,7 +15,8 @@ from nodes.contract import Belief, Detection, Matrix
 class Published(msgspec.Struct, frozen=True):
     """A belief on its way: ``state`` (n,), ``covariance`` (n, n); without entries for a diverged estimator.
 
-    The state is its own; the rest is the estimator's, and holds until its next step.
+    The state is its own. The rest is the estimator's, and holds until its next step: who reads it later than
+    that copies it.
     """
 
     step: int

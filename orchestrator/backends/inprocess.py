@@ -24,9 +24,9 @@ def run_messages(plan: Plan, sink: Sink, window: int = RunSettings.window) -> No
         _run(plan, InProcessBus(sink, paced(plan)), window)
 
 
-def run_carried(plan: Plan, carrier: Carrier, window: int = RunSettings.window) -> None:
+def run_carried(plan: Plan, sink: Sink, carrier: Carrier, window: int = RunSettings.window) -> None:
     """Run as `run_messages` does, but without making messages of forms; BLAS must have one thread."""
-    _run(plan, CarryingBus(carrier, paced(plan)), window)
+    _run(plan, CarryingBus(sink, carrier, paced(plan)), window)
 
 
 def _run(plan: Plan, bus: InProcessBus, window: int) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 import sys
 from array import array
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.messages import ChannelEvents, Inbox
+from bus.messages import ChannelEvents
 from bus.packets import Packet
 from orchestrator.errors import InputError
 
@@ -72,35 +71,27 @@ def integers(column: array[int]) -> Ints:
 
 
 class Payloads:
-    """The payloads of inboxes, end to end."""
+    """The payloads of delivered packets that somebody may have made, end to end."""
 
     def __init__(self) -> None:
-        self._sizes, self._values = array("q"), array("d")
+        self._places, self._sizes, self._values = array("q"), array("q"), array("d")
 
-    def take(self, message: Inbox) -> None:
-        """Take those of one inbox."""
-        ends = (*message.offset[1:], len(message.values))
-        self._sizes.extend(map(operator.sub, ends, message.offset))
-        self._values.extend(message.values)
-
-    def take_packets(self, packets: Sequence[Packet]) -> None:
-        """Take those of an inbox that holds them as they are."""
+    def take(self, place: int, packets: Sequence[Packet]) -> None:
+        """Take those of one inbox, whose first packet stands in this place among the deliveries."""
+        self._places.extend(range(place, place + len(packets)))
         for packet in packets:
             self._sizes.append(packet.values.size)
             self._values.extend(packet.values.tolist())
 
-    def pass_over(self, number: int) -> None:
-        """Leave out a number of payloads; their norms are not to be wanted."""
-        self._sizes.extend([0] * number)
-
     def norms(self, wanted: Bools) -> Floats:
-        """Return the Euclidean norm of each payload that is wanted, NaN for the others."""
+        """Return the Euclidean norm of each payload that is wanted and was taken, NaN for the others."""
         norms = np.full(wanted.size, np.nan)
+        places = integers(self._places)
         end = np.cumsum(integers(self._sizes))
         begin = end - integers(self._sizes)
         values, largest = self._values, sys.float_info.max
-        for i in np.flatnonzero(wanted).tolist():
-            norms[i] = min(math.hypot(*values[begin[i] : end[i]]), largest)
+        for i in np.flatnonzero(wanted[places]).tolist():
+            norms[places[i]] = min(math.hypot(*values[begin[i] : end[i]]), largest)
         return norms
 
 

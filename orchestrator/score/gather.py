@@ -13,9 +13,8 @@ import numpy as np
 from bus import keys
 from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
-from bus.packets import ORACLE, Delivery, Packet, Sending, packets_of_inbox, packets_of_transmission
+from bus.packets import ORACLE, Packet, packets_of_inbox, packets_of_transmission
 from bus.plan import Plan
-from bus.program import Form
 from nodes.published import Published
 from orchestrator.score.attack_beliefs import AttackBeliefs, AttackListener
 from orchestrator.score.columns import (
@@ -131,8 +130,7 @@ class Gatherer:
         self.truth: dict[int, list[float]] = {}
         self.of_attacks = AttackListener()
         self.loose: list[tuple[str, Estimate]] = []
-        self.estimates = tuple(array("q") for _ in range(7))  # see `_pack_estimates`
-        self.appends = [column.append for column in self.estimates]
+        self.estimates = array("q")  # rows of seven, see `_pack_estimates`
         self.speaking: dict[tuple[str, ...], bool] = {}
         self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
         senders: dict[tuple[str, str], list[str]] = {}
@@ -147,19 +145,16 @@ class Gatherer:
         self.last_events: dict[tuple[str, int], ChannelEvents] = {}
         self.triggered = frozenset(plan.triggered)
         self.said_sent: dict[str, tuple[int, float]] = {}
-        self.takers: dict[type[Message | Form], Callable[[str, Any], None]] = {
+        self.takers: dict[type[Message], Callable[[str, Any], None]] = {
             Truth: self._take_truth,
             Estimate: self._take_estimate,
-            Published: self._take_published,
             Inbox: self._take_inbox,
-            Delivery: self._take_delivery,
             ChannelEvents: self._take_events,
             Transmission: self._take_sent,
-            Sending: self._take_sent,
         }
 
-    def take(self, topic: str, message: Message | Form) -> None:
-        """Take a message or the form that tells the same; what no score needs is passed over."""
+    def take(self, topic: str, message: Message) -> None:
+        """Take a message; what no score needs is passed over."""
         take = self.takers.get(type(message))
         if take is not None:
             take(topic, message)
@@ -173,38 +168,11 @@ class Gatherer:
         name = topic[_AFTER_ESTIMATE:]
         self.loose.append((name, message))
         if message.diagnostic_name:
-            self._take_diagnostics(name, message)
+            self.take_diagnostics(name, message)
         if len(self.loose) >= MOST_LOOSE:
             self._pack_estimates()
 
-    def _take_published(self, topic: str, form: Published) -> None:
-        name = topic[_AFTER_ESTIMATE:]
-        state, covariance = form.state, form.covariance
-        values = (
-            self.estimators[name],
-            form.step,
-            form.refers_to,
-            form.diverged,
-            form.nis_dof,
-            state.size,
-            covariance.size,
-        )
-        for append, value in zip(self.appends, values, strict=True):
-            append(value)
-        self.nis.append(form.nis)
-        self.state.extend(state.tolist())
-        self.covariance.extend(covariance.ravel().tolist())
-        rows = self.verdicts
-        for detection in form.detections:
-            rows.link.append(self.incoming[name][detection.source])
-            rows.step.append(form.step)
-            rows.sequence.append(detection.sequence)
-            rows.mark.append(bool(detection.alarm))
-            rows.value.append(detection.statistic)
-        if form.diagnostics and self._speaks(tuple(form.diagnostics)):
-            self._take_diagnostics(name, form)
-
-    def _speaks(self, names: tuple[str, ...]) -> bool:
+    def speaks(self, names: tuple[str, ...]) -> bool:
         """Return whether diagnostics of these names say something that is listened to."""
         speaks = self.speaking.get(names)
         if speaks is None:
@@ -212,7 +180,8 @@ class Gatherer:
             self.speaking[names] = speaks
         return speaks
 
-    def _take_diagnostics(self, name: str, message: Estimate | Published) -> None:
+    def take_diagnostics(self, name: str, message: Estimate | Published) -> None:
+        """Take what an estimate's diagnostics say."""
         self.of_attacks.take_estimate(self.estimators[name], message)
         self.false_data.take_estimate(name, message)
         if name in self.triggered and SENT in message.diagnostic_name:
@@ -220,12 +189,17 @@ class Gatherer:
             said, total = self.said_sent.get(name, (0, 0.0))
             self.said_sent[name] = said + 1, total + share
 
-    def _take_sent(self, topic: str, message: Transmission | Sending) -> None:
+    def _take_sent(self, topic: str, message: Transmission) -> None:
         source = self.measuring.get(topic)
         if source is not None:
-            packets = packets_of_transmission(message, source, keys.MEASUREMENT)
-            self.measurements.take_sent(source, message.step, packets)
-            self.false_data.take_sent(topic, message.step, packets)
+            self.take_measured(
+                source, message.step, packets_of_transmission(message, source, keys.MEASUREMENT)
+            )
+
+    def take_measured(self, source: str, step: int, packets: Sequence[Packet]) -> None:
+        """Take what a sensor sent in a step."""
+        self.measurements.take_sent(source, step, packets)
+        self.false_data.take_sent(source, step, packets)
 
     def _pack_estimates(self) -> None:
         """Pack the estimates' numbers; of many at once, for that takes a third of the time."""
@@ -240,8 +214,7 @@ class Gatherer:
             [len(message.state) for message in messages],
             [len(message.covariance) for message in messages],
         )
-        for column, values in zip(self.estimates, columns, strict=True):
-            column.extend(values)
+        self.estimates.extend(chain.from_iterable(zip(*columns, strict=True)))
         self.nis.extend([message.nis for message in messages])
         self.state.extend(chain.from_iterable([message.state for message in messages]))
         self.covariance.extend(chain.from_iterable([message.covariance for message in messages]))
@@ -254,27 +227,11 @@ class Gatherer:
         rows.value.extend([value for _, own in judging for value in own.detector_statistic])
         self.loose.clear()
 
-    def _take_delivery(self, topic: str, form: Delivery) -> None:
-        packets, step = form.packets, form.step
-        if not packets:
-            return
-        self.false_data.take_inbox(topic, step, packets)
-        if form.untouched:
-            incoming = self.receivers[topic]
-            links = [incoming[packet.source] for packet in packets]
-            self.payloads.pass_over(len(packets))
-        else:
-            links = self._let_in(topic, packets)
-            self.payloads.take_packets(packets)
-        rows = self.deliveries
-        rows.link.extend(links)
-        rows.step.extend([step] * len(packets))
-        rows.sequence.extend([packet.sequence for packet in packets])
-        self.measurements.take_inbox(topic, step, packets, links, untouched=form.untouched)
-
     def _take_inbox(self, topic: str, message: Inbox) -> None:
         if message.source:
-            self.false_data.take_inbox(topic, message.step, packets_of_inbox(message))
+            node = self.false_data.receivers.get(topic)
+            if node is not None:
+                self.false_data.take_inbox(node, message.step, packets_of_inbox(message))
             self.inboxes.append((topic, message))
             if len(self.inboxes) >= MOST_LOOSE:
                 self._pack_inboxes(with_values=True)
@@ -289,12 +246,15 @@ class Gatherer:
         rows.sequence.extend(chain.from_iterable([message.sequence for message in held]))
         ends = accumulate(len(message.source) for message in held)
         for (topic, message), end in zip(self.inboxes, ends, strict=True):
-            if self.measurements.hears(topic):
+            estimator = self.measurements.receivers.get(topic)
+            if estimator is not None:
                 packets, own = packets_of_inbox(message), links[end - len(message.source) : end]
-                self.measurements.take_inbox(topic, message.step, packets, own, untouched=False)
+                self.measurements.take_inbox(estimator, message.step, packets, own, untouched=False)
         if with_values:
+            place = len(rows.link) - len(links)
             for message in held:
-                self.payloads.take(message)
+                self.payloads.take(place, packets_of_inbox(message))
+                place += len(message.source)
         self.inboxes.clear()
 
     def _links(self) -> Sequence[int]:
@@ -305,11 +265,11 @@ class Gatherer:
             if min(links, default=0) >= 0:
                 return links
         return [
-            link for topic, message in self.inboxes for link in self._let_in(topic, packets_of_inbox(message))
+            link for topic, message in self.inboxes for link in self.let_in(topic, packets_of_inbox(message))
         ]
 
-    def _let_in(self, topic: str, packets: Sequence[Packet]) -> list[int]:
-        """Return the links of one inbox's packets, each looked at by itself."""
+    def let_in(self, topic: str, packets: Sequence[Packet]) -> list[int]:
+        """Return the links of one inbox's packets, `_REFUSED` for one that is not let in."""
         node, phase = topic.split("/")[1:3]
         gate, incoming = self.gates.get((node, phase)), self.incoming[node]
         return [
@@ -406,8 +366,8 @@ class Gatherer:
 
     def _estimates(self, truth: Floats) -> Estimates:
         self._pack_estimates()
-        columns = map(integers, self.estimates)
-        node, step, refers_to, diverged, dof, size, covariance_size = columns
+        rows = integers(self.estimates).reshape(-1, 7)
+        node, step, refers_to, diverged, dof, size, covariance_size = rows.T.copy()
         (K, n), N = truth.shape, len(self.plan.estimators)
         self._check(node, step, size, covariance_size, n)
         present, declared = np.zeros((N, K), dtype=bool), np.zeros((N, K), dtype=bool)
@@ -436,7 +396,9 @@ class Gatherer:
         if self.injections.link:
             wanted = let_in & np.isin(rows.sequence, list({*self.injections.sequence}))
             rows = replace(rows, value=self.payloads.norms(wanted))
-        return Packets(*(getattr(rows, field.name)[let_in] for field in fields(rows)))
+        kept = np.flatnonzero(let_in)
+        kept = kept[np.argsort(rows.step[kept], kind="stable")]  # they were taken receiver by receiver
+        return Packets(*(getattr(rows, field.name)[kept] for field in fields(rows)))
 
     def _sent(self) -> Ints:
         """Return the slots with a packet by sender and step; one link of a sender tells for its stream."""

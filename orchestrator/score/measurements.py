@@ -52,7 +52,7 @@ class MeasurementRows:
 
     def __init__(self, plan: Plan) -> None:
         self._sensors = {own.name: i for i, own in enumerate(plan.sensors)}
-        self._receivers = {keys.rx(own.name, keys.CORRECT): i for i, own in enumerate(plan.estimators)}
+        self.receivers = {keys.rx(own.name, keys.CORRECT): i for i, own in enumerate(plan.estimators)}
         self._steps = plan.steps
         self._originals: dict[tuple[int, int], tuple[int, Vector]] = {}
         self._sent = np.zeros((len(self._sensors), self._steps), dtype=bool)
@@ -68,20 +68,13 @@ class MeasurementRows:
         if packets and 0 <= step < self._steps:
             self._sent[sensor, step] = True
 
-    def hears(self, topic: str) -> bool:
-        """Return whether inboxes of a topic hold measurements."""
-        return topic in self._receivers
-
     def take_inbox(
-        self, topic: str, step: int, packets: Sequence[Packet], links: Sequence[int], *, untouched: bool
+        self, estimator: int, step: int, packets: Sequence[Packet], links: Sequence[int], *, untouched: bool
     ) -> None:
-        """Take what reached a node, which may be as it was sent in this step.
+        """Take what reached one of the ``receivers``; ``untouched``: as it was sent in this step.
 
         ``links`` tells the link of each packet, below -1 for one not let in.
         """
-        estimator = self._receivers.get(topic)
-        if estimator is None:
-            return
         for packet, link in zip(packets, links, strict=True):
             sensor = self._sensors.get(packet.source, -1)
             if sensor < 0 or packet.kind != keys.MEASUREMENT or link < -1:

@@ -44,25 +44,21 @@ class FalseDataListener:
         self._heard: dict[str, list[str]] = {}
         for source, destination in self._links:
             self._heard.setdefault(destination, []).append(source)
-        self._topics = {keys.tx(source, keys.MEASUREMENT): source for source, _ in self._links}
-        self._inboxes = {keys.rx(node, keys.CORRECT): node for node in self._heard}
+        self._sources = {source for source, _ in self._links}
+        self.receivers = {keys.rx(node, keys.CORRECT): node for node in self._heard}
         self._gates = {node: Gate(plan, sources) for node, sources in self._heard.items()}
         self._sent: dict[tuple[str, int], Vector] = {}
         self._received: dict[_Place, Vector] = {}
         self._attacked: set[_Place] = set()
         self._said: dict[_Place, _Said] = {}
 
-    def take_sent(self, topic: str, step: int, packets: Sequence[Packet]) -> None:
+    def take_sent(self, source: str, step: int, packets: Sequence[Packet]) -> None:
         """Keep what a sensor sent."""
-        source = self._topics.get(topic)
-        if source is not None and len(packets) == 1:
+        if source in self._sources and len(packets) == 1:
             self._sent[source, step] = packets[0].values
 
-    def take_inbox(self, topic: str, step: int, inbox: Sequence[Packet]) -> None:
-        """Keep what arrived of the sensors in their own step."""
-        node = self._inboxes.get(topic)
-        if node is None:
-            return
+    def take_inbox(self, node: str, step: int, inbox: Sequence[Packet]) -> None:
+        """Keep what arrived at one of the ``receivers`` of the sensors in their own step."""
         packets = [packet for packet in inbox if packet.kind != ORACLE]
         arrived = Counter(packet.source for packet in packets)
         for packet in packets:
