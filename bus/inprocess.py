@@ -67,12 +67,4 @@ class CarryingBus(InProcessBus):
 
     def outlet(self, topic: str) -> Callable[[Form], None]:
         """Return what shows a topic's forms to the carrier and queues them for their receivers."""
-        take, hand = self._carrier(topic), self._scheduler.outlet(topic)
-        if take is None:
-            return hand
-
-        def put(form: Form) -> None:
-            take(form)
-            hand(form)
-
-        return put
+        return self._scheduler.outlet(topic, self._carrier(topic))

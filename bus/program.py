@@ -114,11 +114,16 @@ class Scheduler:
         self._new.append(task)
         self._unfinished += 1
 
-    def outlet(self, topic: str) -> Callable[[Any], None]:
-        """Return what hands a topic's messages to the programs that wait, and queues them for the others."""
+    def outlet(self, topic: str, tap: Callable[[Any], None] | None = None) -> Callable[[Any], None]:
+        """Return what hands a topic's messages to the programs that wait, and queues them for the others.
+
+        The tap is shown each message before.
+        """
         readers, make_ready = self._readers.setdefault(topic, []), self._ready.append
 
         def hand(message: Any) -> None:
+            if tap is not None:
+                tap(message)
             for task, queue in readers:
                 if task.waits_for == topic:
                     task.waits_for = None

@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from bus import keys
-from bus.messages import ChannelEvents, Transmission
+from bus.messages import Transmission
 from bus.packets import Delivery, Packet, Sending, packets_of_transmission
 from bus.plan import Plan
 from bus.program import Form, Port, Program, every_step, outlet
+from channel.happened import Happened
 from channel.network import PhaseNetwork, build_networks
 
 STREAMS = (keys.MEASUREMENT, keys.EXCHANGE, keys.CONTROL)
@@ -45,17 +46,16 @@ class _Events:
     """
 
     def __init__(self, port: Port, stream: str, rounds: int) -> None:
-        self._port = port
-        self._topic = keys.channel(keys.phase_of(stream))
+        self._put = outlet(port, keys.channel(keys.phase_of(stream)))
         self._rounds = rounds
         self._next = 0
-        self._held: dict[int, ChannelEvents] = {}
+        self._held: dict[int, Happened] = {}
 
-    def take(self, events: ChannelEvents) -> None:
+    def take(self, events: Happened) -> None:
         """Take the events of one step and round, and send what is due."""
         self._held[events.step * self._rounds + events.round] = events
         while self._next in self._held:
-            self._port.send(self._topic, self._held.pop(self._next))
+            self._put(self._held.pop(self._next))
             self._next += 1
 
 

@@ -15,8 +15,7 @@ from nodes.contract import Belief, Detection, Matrix
 class Published(msgspec.Struct, frozen=True):
     """A belief on its way: ``state`` (n,), ``covariance`` (n, n); without entries for a diverged estimator.
 
-    The state is its own. The rest is the estimator's, and holds until its next step: who reads it later than
-    that copies it.
+    All of it is its own, whatever the estimator does next.
     """
 
     step: int
@@ -78,10 +77,10 @@ def published(step: int, t: float, belief: Belief, refused: int) -> Published:
         t,
         step if belief.refers_to is None else belief.refers_to,
         belief.state.copy(),
-        belief.covariance,
+        belief.covariance.copy(),
         float(belief.nis),
         int(belief.nis_dof),
-        belief.detections,
-        belief.diagnostics,
+        tuple(belief.detections),
+        dict(belief.diagnostics),
         refused,
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bus.messages import ChannelEvents
 from bus.packets import Packet
+from channel.happened import Happened
 from orchestrator.errors import InputError
 
 MOST_LOOSE = 20_000
@@ -47,6 +48,9 @@ class Packets:
 
 COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
 """What is counted by link: sums over the run, and of ``in_flight`` what was left at its end."""
+
+
+_OFTEN_ZERO = ("lost", "attacked", "injected", "duplicated", "refused")
 
 
 class Rows:
@@ -106,20 +110,14 @@ class Ledger:
         self.step = array("q")
         self.counted: dict[str, array[int]] = {name: array("q") for name in COUNTS[:-1]}
 
-    def take(self, message: ChannelEvents) -> None:
-        """Take the counts of one step; those that a message leaves out are zero on every link."""
+    def take(self, message: ChannelEvents | Happened) -> None:
+        """Take the counts of one step; those that it leaves out are zero on every link."""
         self.step.append(message.step)
         counted = self.counted
         counted["sent"].extend(message.sent)
-        counted["lost"].extend(message.lost)
-        counted["attacked"].extend(message.attacked)
         counted["delivered"].extend(message.delivered)
-        if message.injected:
-            counted["injected"].extend(message.injected)
-        if message.duplicated:
-            counted["duplicated"].extend(message.duplicated)
-        if message.refused:
-            counted["refused"].extend(message.refused)
+        for name in _OFTEN_ZERO:
+            counted[name].extend(getattr(message, name))
 
     def table(self, name: str) -> Ints:
         """Return a count by step and link; the steps of one that is often left out are not told."""

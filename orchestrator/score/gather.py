@@ -15,6 +15,7 @@ from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
 from bus.packets import ORACLE, Packet, packets_of_inbox, packets_of_transmission
 from bus.plan import Plan
+from channel.happened import Happened
 from nodes.published import Published
 from orchestrator.score.attack_beliefs import AttackBeliefs, AttackListener
 from orchestrator.score.columns import (
@@ -142,14 +143,14 @@ class Gatherer:
         self.all_ledgers: list[Ledger] = []
         self.measurements = MeasurementRows(plan)
         self.measuring = {keys.tx(own.name, keys.MEASUREMENT): own.name for own in plan.sensors}
-        self.last_events: dict[tuple[str, int], ChannelEvents] = {}
+        self.last_events: dict[tuple[str, int], ChannelEvents | Happened] = {}
         self.triggered = frozenset(plan.triggered)
         self.said_sent: dict[str, tuple[int, float]] = {}
         self.takers: dict[type[Message], Callable[[str, Any], None]] = {
             Truth: self._take_truth,
             Estimate: self._take_estimate,
             Inbox: self._take_inbox,
-            ChannelEvents: self._take_events,
+            ChannelEvents: self.take_events,
             Transmission: self._take_sent,
         }
 
@@ -249,7 +250,8 @@ class Gatherer:
             estimator = self.measurements.receivers.get(topic)
             if estimator is not None:
                 packets, own = packets_of_inbox(message), links[end - len(message.source) : end]
-                self.measurements.take_inbox(estimator, message.step, packets, own, untouched=False)
+                steps = [message.step] * len(packets)
+                self.measurements.take_arrived(estimator, steps, packets, own, untouched=False)
         if with_values:
             place = len(rows.link) - len(links)
             for message in held:
@@ -279,7 +281,8 @@ class Gatherer:
             for packet in packets
         ]
 
-    def _take_events(self, topic: str, message: ChannelEvents) -> None:
+    def take_events(self, topic: str, message: ChannelEvents | Happened) -> None:
+        """Take what happened in the channel."""
         place = topic, message.round
         ledger = self.ledgers.get(place)
         if ledger is None or ledger.link != message.link:
@@ -293,7 +296,7 @@ class Gatherer:
             self._take_acts(message)
             self.false_data.take_events(message)
 
-    def _take_acts(self, message: ChannelEvents) -> None:
+    def _take_acts(self, message: ChannelEvents | Happened) -> None:
         columns = (message.event_link, message.event_stage, message.event_sequence, message.event_action)
         magnitudes = message.event_magnitude
         for link, stage, sequence, action, size in zip(*columns, magnitudes, strict=True):

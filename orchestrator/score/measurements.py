@@ -68,23 +68,34 @@ class MeasurementRows:
         if packets and 0 <= step < self._steps:
             self._sent[sensor, step] = True
 
-    def take_inbox(
-        self, estimator: int, step: int, packets: Sequence[Packet], links: Sequence[int], *, untouched: bool
+    def take_arrived(
+        self,
+        estimator: int,
+        steps: Sequence[int],
+        packets: Sequence[Packet],
+        links: Sequence[int],
+        *,
+        untouched: bool,
     ) -> None:
-        """Take what reached one of the ``receivers``; ``untouched``: as it was sent in this step.
+        """Take what reached one of the ``receivers``; ``untouched``: as it was sent in its step.
 
         ``links`` tells the link of each packet, below -1 for one not let in.
         """
-        for packet, link in zip(packets, links, strict=True):
-            sensor = self._sensors.get(packet.source, -1)
-            if sensor < 0 or packet.kind != keys.MEASUREMENT or link < -1:
-                continue
-            values = packet.values
-            if not untouched:
-                row = len(self._values)
-                self._doubts.append(_Doubt(row, sensor, packet.sequence, step, values))
-            self._rows.extend((estimator, sensor, step, 0, values.size))
-            self._values.append(values)
+        numbers = self._sensors
+        kept = [
+            (numbers[packet.source], step, packet)
+            for packet, step, link in zip(packets, steps, links, strict=True)
+            if link >= -1 and packet.kind == keys.MEASUREMENT and packet.source in numbers
+        ]
+        if not untouched:
+            row = len(self._values)
+            self._doubts += [
+                _Doubt(row + i, sensor, packet.sequence, step, packet.values)
+                for i, (sensor, step, packet) in enumerate(kept)
+            ]
+        for sensor, step, packet in kept:
+            self._rows.extend((estimator, sensor, step, 0, packet.values.size))
+        self._values += [packet.values for _, _, packet in kept]
 
     def finish(self) -> Measurements:
         """Return all that was taken."""

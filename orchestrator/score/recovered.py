@@ -18,6 +18,7 @@ from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate
 from bus.packets import ORACLE, Packet, Vector
 from bus.plan import Plan
+from channel.happened import Happened
 from nodes.published import Published
 from orchestrator.score.results import RecoveredAttack
 
@@ -67,7 +68,7 @@ class FalseDataListener:
             if link is not None and usable and self._gates[node].admits(packet):
                 self._received[link, step] = packet.values
 
-    def take_events(self, message: ChannelEvents) -> None:
+    def take_events(self, message: ChannelEvents | Happened) -> None:
         """Keep which packets were attacked; a sensor numbers its packets by their steps."""
         acts = zip(message.event_link, message.event_sequence, message.event_action, strict=True)
         for name, sequence, action in acts:

@@ -103,7 +103,8 @@ def carry(plan: Plan, sent: Mapping[Slot, Sequence[Packet]], order: Sequence[str
             inboxes[receiver, step, round_] = [
                 (packet.source, packet.sequence, tuple(packet.values.tolist())) for packet in packets
             ]
-        account = network.take_events(step, round_)
+        happened = network.take_events(step, round_)
+        account = happened and happened.message()
         if account is not None:
             assert (account.step, account.round) == (step, round_)
             accounts[step, round_] = account

@@ -65,7 +65,7 @@ def passed(
         inboxes.update({to: arrived for to, arrived, _ in network.transmit(source, step, 0, [packet])})
     events = network.take_events(step, 0)
     assert events is not None
-    return inboxes, events
+    return inboxes, events.message()
 
 
 def words(packets: Sequence[Packet]) -> dict[str, list[float]]:

@@ -64,7 +64,8 @@ def run(kind: str, integrity: str | None, holds_keys: bool) -> tuple[list[Channe
                 genuine = replace_check(genuine, seal(genuine))
             for _, packets, _ in network.transmit(name, step, 0, [genuine]):
                 arrived += packets
-        account = network.take_events(step, 0)
+        happened = network.take_events(step, 0)
+        account = happened and happened.message()
         assert account is not None
         accounts.append(account)
     return accounts, arrived
