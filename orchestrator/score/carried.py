@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bus.messages import TOPIC_TYPES, ChannelEvents, Estimate, Inbox
-from bus.packets import Delivery, Packet, Sending, Vector
+from bus.packets import Delivery, Sending, Vector
 from nodes.published import Published
 from orchestrator.score.gather import Gatherer
 
@@ -54,17 +54,15 @@ class Carried:
         rows, incoming = gatherer.deliveries, gatherer.receivers[topic]
         hearer = gatherer.false_data.receivers.get(topic)
         estimator = gatherer.measurements.receivers.get(topic)
-        packets: list[Packet] = []
-        links: list[int] = []
+        packets = [packet for inbox in inboxes for packet in inbox.packets]
+        links = [incoming[packet.source] for packet in packets]
+        end = 0
         for inbox in inboxes:
             arrived = inbox.packets
-            if inbox.untouched:
-                into = [incoming[packet.source] for packet in arrived]
-            else:
-                into = gatherer.let_in(topic, arrived)
-                gatherer.payloads.take(len(rows.link) + len(links), arrived)
-            packets += arrived
-            links += into
+            begin, end = end, end + len(arrived)
+            if not inbox.untouched:
+                links[begin:end] = gatherer.let_in(topic, arrived)
+                gatherer.payloads.take(len(rows.link) + begin, arrived)
             if hearer is not None:
                 gatherer.false_data.take_inbox(hearer, inbox.step, arrived)
         steps = [inbox.step for inbox in inboxes for _ in inbox.packets]

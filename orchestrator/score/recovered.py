@@ -61,7 +61,7 @@ class FalseDataListener:
     def take_inbox(self, node: str, step: int, inbox: Sequence[Packet]) -> None:
         """Keep what arrived at one of the ``receivers`` of the sensors in their own step."""
         packets = [packet for packet in inbox if packet.kind != ORACLE]
-        arrived = Counter(packet.source for packet in packets)
+        arrived = Counter([packet.source for packet in packets])
         for packet in packets:
             link = self._links.get((packet.source, node))
             usable = packet.sent_step == step and arrived[packet.source] == 1
