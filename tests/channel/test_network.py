@@ -270,6 +270,26 @@ def test_stages_act_in_their_order_on_the_link() -> None:
     assert actions(loss_first) == [(0, "loss", "lost")]
 
 
+def test_an_inbox_is_untouched_unless_it_holds_what_a_stage_made() -> None:
+    edges = [("a", "z"), ("b", "z")]
+    loss = stage("loss", Kind(BERNOULLI, {"loss": 1.0}), [("a", "z")], first=1, last=2)
+    bias = stage("bias", Kind(BIAS, {"value": 1.0}), [("b", "z")], first=2, last=3)
+    network = build_network(plan_of(edges, [loss, bias]), keys.EXCHANGE)
+    found = []
+    for step in range(5):
+        for name in "ab":
+            packet = Packet(name, step, step, keys.EXCHANGE, np.zeros(2))
+            found += network.transmit(name, step, 0, [packet])
+    told = [([packet.source for packet in packets], untouched) for _, packets, untouched in found]
+    assert told == [
+        (["a", "b"], True),
+        (["b"], True),
+        (["b"], False),
+        (["a", "b"], False),
+        (["a", "b"], True),
+    ]
+
+
 def test_a_packet_that_two_stages_falsify_is_one_attacked_packet() -> None:
     edges = [("a", "z")]
     stages = [stage(label, Kind(BIAS, {"value": 1.0}), edges) for label in ("first", "second")]
