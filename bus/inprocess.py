@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from bus import keys
 from bus.messages import Credit, Message
-from bus.packets import Delivery
-from bus.program import Program, Scheduler
+from bus.program import Form, Program, Scheduler
 
 Sink = Callable[[str, Message], None]
 """Takes every message with its topic, in the order in which they happen to be sent."""
 
-Carrier = Callable[[str, Delivery], None]
-"""Takes every inbox with its topic where inboxes are carried and not made messages of."""
+Carrier = Callable[[str], Callable[[Any], None] | None]
+"""Returns what takes the forms of a topic, None when they are of no interest."""
 
 
 class InProcessBus:
@@ -55,16 +55,16 @@ class InProcessBus:
 
 
 class CarryingBus(InProcessBus):
-    """A port that saves what it costs to make messages of inboxes and inboxes of messages.
+    """A port that saves what it costs to make messages of packets and arrays, and to read them again.
 
-    The programs compute the same, and the carrier sees the packets that the sink of `InProcessBus` would see.
+    The programs compute the same, and sink and carrier are told what that of `InProcessBus` would be told.
+    A step begins with the message of its truth.
     """
 
     def __init__(self, sink: Sink, carrier: Carrier, credits_to: Sequence[str]) -> None:
         super().__init__(sink, credits_to)
         self._carrier = carrier
 
-    def carry(self, topic: str, delivered: Delivery) -> None:
-        """Show an inbox to the carrier and queue it for its receiver."""
-        self._carrier(topic, delivered)
-        self._deliver(topic, delivered)
+    def outlet(self, topic: str) -> Callable[[Form], None]:
+        """Return what shows a topic's forms to the carrier and queues them for their receivers."""
+        return self._scheduler.outlet(topic, self._carrier(topic))

@@ -40,26 +40,49 @@ class Packet(msgspec.Struct, frozen=True):
     check: int = UNSEALED
 
 
-class Delivery(msgspec.Struct, frozen=True):
-    """What an `Inbox` tells, as the packets themselves: for receivers in the same process, and no record.
+class Sending(msgspec.Struct, frozen=True):
+    """The slot of one sender, as the packets themselves: what a `Transmission` tells."""
 
-    ``source`` names the source of each packet.
+    step: int
+    t: float
+    round: int
+    packets: Sequence[Packet]
+
+    def message(self) -> Transmission:
+        """Return the message that tells it; raises ValueError for several packets, which no node sends."""
+        if not self.packets:
+            return transmission(self.step, self.t, self.round, 0, None)
+        (packet,) = self.packets
+        values = packet.values.tolist()
+        return transmission(self.step, self.t, self.round, packet.sequence, values, packet.check)
+
+
+class Delivery(msgspec.Struct, frozen=True):
+    """What reaches one receiver, as the packets themselves: what an `Inbox` tells.
+
+    One that is ``untouched`` holds nothing but packets as their senders sent them, in the slot in which they
+    did: its receiver has nothing to refuse.
     """
 
     step: int
+    t: float
     round: int
     packets: list[Packet]
-    source: list[str]
+    untouched: bool
+
+    @property
+    def source(self) -> list[str]:
+        """The source of each packet."""
+        return [packet.source for packet in self.packets]
 
     @property
     def sequence(self) -> list[int]:
         """The number of each packet in its stream."""
         return [packet.sequence for packet in self.packets]
 
-
-def delivery(step: int, round_: int, packets: list[Packet]) -> Delivery:
-    """Return the packets of an inbox as they are."""
-    return Delivery(step, round_, packets, [packet.source for packet in packets])
+    def message(self) -> Inbox:
+        """Return the message that tells it."""
+        return inbox(self.step, self.t, self.round, self.packets)
 
 
 def _payloads(values: list[float], offset: list[int]) -> list[Vector]:
@@ -74,11 +97,13 @@ def _payloads(values: list[float], offset: list[int]) -> list[Vector]:
     return [whole[begin:end] for begin, end in pairwise(ends)]
 
 
-def packets_of_transmission(message: Transmission, source: str, kind: str) -> list[Packet]:
+def packets_of_transmission(message: Transmission | Sending, source: str, kind: str) -> Sequence[Packet]:
     """Return the packets of a sender's slot, their values for reading only.
 
     Raises ValueError when its lists do not fit one another.
     """
+    if isinstance(message, Sending):
+        return message.packets
     sequences, checks = message.sequence, message.check
     if len(sequences) != len(message.offset) or (checks and len(checks) != len(sequences)):
         raise ValueError(

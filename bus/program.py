@@ -16,16 +16,35 @@ from bus.messages import Message
 Program = Generator[str, Any, None]
 
 
+class Form(Protocol):
+    """What a program has to say, as the mathematics has it: packets, arrays. A message tells the same."""
+
+    @property
+    def step(self) -> int:
+        """The step that it belongs to."""
+        ...
+
+    def message(self) -> Message:
+        """Return the message that tells it."""
+        ...
+
+
 class Port(Protocol):
     """Where a program sends to.
 
-    One that keeps to this process may have ``carry(topic, delivery)``, too: it takes an inbox in the form of
-    a `bus.packets.Delivery`.
+    One that keeps to this process may have ``outlet(topic)``, too: it returns what hands each `Form` of a
+    topic on as it is.
     """
 
     def send(self, topic: str, message: Message) -> None:
         """Send a message on a topic."""
         ...
+
+
+def outlet(port: Port, topic: str) -> Callable[[Form], None]:
+    """Return what sends forms on a topic: as they are where the port carries them, else as messages."""
+    make: Callable[[str], Callable[[Form], None]] | None = getattr(port, "outlet", None)
+    return make(topic) if make else lambda form: port.send(topic, form.message())
 
 
 class NodeError(RuntimeError):
@@ -77,6 +96,7 @@ class Scheduler:
 
     def __init__(self) -> None:
         self._readers: dict[str, list[tuple[_Task, deque[Any]]]] = {}
+        self._outlets: dict[str, Callable[[Any], None]] = {}
         self._ready: deque[tuple[_Task, Any]] = deque()
         self._new: list[_Task] = []
         self._unfinished = 0
@@ -94,14 +114,31 @@ class Scheduler:
         self._new.append(task)
         self._unfinished += 1
 
+    def outlet(self, topic: str, tap: Callable[[Any], None] | None = None) -> Callable[[Any], None]:
+        """Return what hands a topic's messages to the programs that wait, and queues them for the others.
+
+        The tap is shown each message before.
+        """
+        readers, make_ready = self._readers.setdefault(topic, []), self._ready.append
+
+        def hand(message: Any) -> None:
+            if tap is not None:
+                tap(message)
+            for task, queue in readers:
+                if task.waits_for == topic:
+                    task.waits_for = None
+                    make_ready((task, message))
+                else:
+                    queue.append(message)
+
+        return hand
+
     def deliver(self, topic: str, message: Any) -> None:
         """Hand a message to every program that waits for it, and queue it for those that will."""
-        for task, queue in self._readers.get(topic, ()):
-            if task.waits_for == topic:
-                task.waits_for = None
-                self._ready.append((task, message))
-            else:
-                queue.append(message)
+        hand = self._outlets.get(topic)
+        if hand is None:
+            hand = self._outlets[topic] = self.outlet(topic)
+        hand(message)
 
     def run(self) -> None:
         """Run until every program waits for a message that is not there, or has ended."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping, Sequence
 
 from bus import keys
 from bus.integrity import Forger, Gate
 from bus.kinds import load_class
-from bus.messages import ChannelEvents
 from bus.packets import ORACLE, Packet
 from bus.plan import Plan, StagePlan
 from bus.random_streams import random_stream
@@ -23,9 +23,11 @@ from channel.contract import (
     Stage,
 )
 from channel.draws import SteppedDraws, permutation
+from channel.happened import IN_FLIGHT, REFUSED, Happened
 from channel.link import Link
 
 _COUNTED = (LOST, ATTACKED, INJECTED, DUPLICATED)
+_COUNT_BYTES = array("q").itemsize
 
 
 def build_stage(plan: Plan, stage: StagePlan) -> Stage:
@@ -56,12 +58,13 @@ class _Inbox:
     ``told`` holds, by the place of a slot, what the receiver is told of the attack on it.
     """
 
-    __slots__ = ("has_impostors", "left", "slots", "told")
+    __slots__ = ("has_impostors", "left", "slots", "told", "untouched")
 
     def __init__(self, links: int) -> None:
         self.left = links
         self.slots: list[Sequence[Packet]] = [()] * links
         self.has_impostors = False
+        self.untouched = True
         self.told: dict[int, Packet] = {}
 
 
@@ -73,20 +76,11 @@ class _Account:
     def __init__(self, links: int, in_degrees: Sequence[int]) -> None:
         self.left = links
         self.inboxes = [_Inbox(degree) for degree in in_degrees]
-        self.sent = [0] * links
-        self.delivered = [0] * links
+        self.sent = array("q", bytes(_COUNT_BYTES * links))
+        self.delivered = array("q", bytes(_COUNT_BYTES * links))
         self.refused: dict[int, int] = {}
         self.in_flight: dict[int, int] = {}
         self.ledger = Ledger()
-
-    def spread(self, counts: Mapping[int, int]) -> list[int]:
-        """Return counts by link, nothing when all are zero."""
-        if not counts:
-            return []
-        whole = [0] * len(self.sent)
-        for number, count in counts.items():
-            whole[number] = count
-        return whole
 
 
 class PhaseNetwork:
@@ -152,11 +146,12 @@ class PhaseNetwork:
 
     def transmit(
         self, source: str, step: int, round_: int, packets: Sequence[Packet]
-    ) -> list[tuple[str, list[Packet]]]:
-        """Pass a sender's slot over all its links; return the inboxes (receiver, packets) that it completed.
+    ) -> list[tuple[str, list[Packet], bool]]:
+        """Pass a sender's slot over all its links; return the inboxes that it completed.
 
-        Packets of an inbox stand in the order of their sources' names. Where stages made several of one
-        source meet, their order is a draw, and betrays nothing.
+        An inbox is told as its receiver, the packets, and whether they are nothing but packets as they were
+        sent, in the slot in which they were. Packets of an inbox stand in the order of their sources' names.
+        Where stages made several of one source meet, their order is a draw, and betrays nothing.
         """
         account = self._accounts.get((step, round_))
         if account is None:
@@ -188,9 +183,11 @@ class PhaseNetwork:
                 told = link.told(slot, packets)
                 if told is not None:
                     inbox.told[link.place] = told
+                    inbox.untouched = False
             inbox.left -= 1
             if not inbox.left:
-                complete.append((link.destination, self._packets(link.destination, slot, inbox)))
+                arrived = self._packets(link.destination, slot, inbox)
+                complete.append((link.destination, arrived, inbox.untouched))
         account.left -= len(self._from[source])
         return complete
 
@@ -201,6 +198,9 @@ class PhaseNetwork:
 
         No stage speaks as an oracle: such a packet is refused here, for its receiver could not tell.
         """
+        if not arrived:
+            return arrived
+        inbox.untouched = False
         genuine = [packet for packet in arrived if packet.kind != ORACLE]
         refused = len(arrived) - len(genuine)
         if refused:
@@ -241,7 +241,7 @@ class PhaseNetwork:
             packets = sorted(shuffled, key=lambda packet: packet.source)
         return packets + [inbox.told[place] for place in sorted(inbox.told)]
 
-    def take_events(self, step: int, round_: int) -> ChannelEvents | None:
+    def take_events(self, step: int, round_: int) -> Happened | None:
         """Return the events of a phase once every slot has passed, None before."""
         account = self._accounts[step, round_]
         if account.left:
@@ -262,28 +262,9 @@ class PhaseNetwork:
                 if count is not None:
                     number = numbers[link]
                     count[number] = count.get(number, 0) + 1
-        event_link, event_stage, event_sequence, event_action, event_magnitude = (
-            map(list, zip(*events, strict=True)) if events else ([], [], [], [], [])
-        )
-        return ChannelEvents(
-            step=step,
-            t=step * self._period_s,
-            round=round_,
-            link=names,
-            sent=account.sent,
-            lost=account.spread(counts[LOST]) or [0] * len(names),
-            attacked=account.spread(counts[ATTACKED]) or [0] * len(names),
-            delivered=account.delivered,
-            injected=account.spread(counts[INJECTED]),
-            duplicated=account.spread(counts[DUPLICATED]),
-            refused=account.spread(account.refused),
-            in_flight=account.spread(account.in_flight),
-            event_link=event_link,
-            event_stage=event_stage,
-            event_sequence=event_sequence,
-            event_action=event_action,
-            event_magnitude=event_magnitude,
-        )
+        counts |= {REFUSED: account.refused, IN_FLIGHT: account.in_flight}
+        t = step * self._period_s
+        return Happened(step, t, round_, names, account.sent, account.delivered, counts, events)
 
 
 def build_network(plan: Plan, stream: str) -> PhaseNetwork:

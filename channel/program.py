@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from bus import keys
-from bus.messages import ChannelEvents, Transmission
-from bus.packets import Packet, delivery, inbox, packets_of_transmission
+from bus.messages import Transmission
+from bus.packets import Delivery, Packet, Sending, packets_of_transmission
 from bus.plan import Plan
-from bus.program import Port, Program, every_step
+from bus.program import Form, Port, Program, every_step, outlet
+from channel.happened import Happened
 from channel.network import PhaseNetwork, build_networks
 
 STREAMS = (keys.MEASUREMENT, keys.EXCHANGE, keys.CONTROL)
@@ -44,17 +46,16 @@ class _Events:
     """
 
     def __init__(self, port: Port, stream: str, rounds: int) -> None:
-        self._port = port
-        self._topic = keys.channel(keys.phase_of(stream))
+        self._put = outlet(port, keys.channel(keys.phase_of(stream)))
         self._rounds = rounds
         self._next = 0
-        self._held: dict[int, ChannelEvents] = {}
+        self._held: dict[int, Happened] = {}
 
-    def take(self, events: ChannelEvents) -> None:
+    def take(self, events: Happened) -> None:
         """Take the events of one step and round, and send what is due."""
         self._held[events.step * self._rounds + events.round] = events
         while self._next in self._held:
-            self._port.send(self._topic, self._held.pop(self._next))
+            self._put(self._held.pop(self._next))
             self._next += 1
 
 
@@ -70,9 +71,9 @@ def _sender_program(
 ) -> Program:
     topic = keys.tx(source, stream)
     phase = keys.phase_of(stream)
-    inbox_topics: dict[str, str] = {}
-    carry = getattr(port, "carry", None)
+    outlets: dict[str, Callable[[Form], None]] = {}
     silent_from = plan.silent_from(source)
+    is_told = bool(network.watched)
 
     def told(step: int) -> Program:
         """Let the triggers know of the step before."""
@@ -83,23 +84,20 @@ def _sender_program(
 
     def one_step(step: int) -> Program:
         t = step * plan.period_s
-        if step and network.watched:
+        if step and is_told:
             yield from told(step)
         if pacemaker is not None:
             yield from pacemaker.wait()
         for round_ in range(rounds):
-            packets: list[Packet] = []
+            packets: Sequence[Packet] = ()
             if step < silent_from:
-                slot: Transmission = yield topic
+                slot: Transmission | Sending = yield topic
                 packets = packets_of_transmission(slot, source, stream)
-            for receiver, arrived in network.transmit(source, step, round_, packets):
-                inbox_topic = inbox_topics.get(receiver)
-                if inbox_topic is None:
-                    inbox_topic = inbox_topics[receiver] = keys.rx(receiver, phase)
-                if carry is None:
-                    port.send(inbox_topic, inbox(step, t, round_, arrived))
-                else:
-                    carry(inbox_topic, delivery(step, round_, arrived))
+            for receiver, arrived, untouched in network.transmit(source, step, round_, packets):
+                put = outlets.get(receiver)
+                if put is None:
+                    put = outlets[receiver] = outlet(port, keys.rx(receiver, phase))
+                put(Delivery(step, t, round_, arrived, untouched))
             events = network.take_events(step, round_)
             if events is not None:
                 told_of.take(events)

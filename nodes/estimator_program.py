@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from bus import keys
 from bus.integrity import Gate
-from bus.messages import Estimate, Inbox
-from bus.packets import ORACLE, Delivery, Packet, holds, packets_of_inbox, transmission
+from bus.messages import Inbox
+from bus.packets import ORACLE, Delivery, Packet, Vector, holds, packets_of_inbox
 from bus.plan import EstimatorPlan, Plan
-from bus.program import Port, Program, every_step
+from bus.program import Port, Program, every_step, outlet
 from nodes.contract import Belief, Estimator, Trigger
-from nodes.programs import Pace, is_finite, sealed, watch
+from nodes.programs import Pace, is_finite, sender, watch
+from nodes.published import Published, published
 
 _log = logging.getLogger("gauntlet.node")
 
@@ -36,7 +36,7 @@ class _Guard:
         self.diverged = True
         _log.warning("%s diverged in step %d: %s", self._name, step, why)
 
-    def payload(self, step: int, round_: int | None, packets: Sequence[Packet]) -> list[float] | None:
+    def payload(self, step: int, round_: int | None, packets: Sequence[Packet]) -> Vector | None:
         """Return what the estimator sends after `correct` (``round_`` None) or `exchange`, if it can."""
         if self.diverged:
             return None
@@ -52,11 +52,10 @@ class _Guard:
             return None
         if values.ndim != 1:
             raise ValueError(f"a payload has one dimension, this one has the shape {values.shape}; ravel it")
-        numbers: list[float] = values.tolist()
-        if not is_finite(numbers):
+        if not is_finite(values.tolist()):
             self._declare(step, "its payload is not finite")
             return None
-        return numbers
+        return values
 
     def control(self, step: int, packets: Sequence[Packet]) -> None:
         """Tell the estimator which input was commanded, if it cares."""
@@ -64,8 +63,8 @@ class _Guard:
         if control is not None and not self.diverged:
             control(step, packets)
 
-    def estimate(self, step: int, t: float, refused: int) -> Estimate:
-        """Return the message that publishes the estimator's belief, or its divergence."""
+    def estimate(self, step: int, t: float, refused: int) -> Published:
+        """Return what publishes the estimator's belief, or its divergence."""
         if not self.diverged:
             belief = self._estimator.estimate(step)
             if (belief.state.shape, belief.covariance.shape) != self._shapes:
@@ -73,45 +72,18 @@ class _Guard:
                     f"a belief has state and covariance of the shapes {self._shapes}, "
                     f"this one {(belief.state.shape, belief.covariance.shape)}"
                 )
-            message = _estimate_message(step, t, belief, refused)
             if is_finite(
                 [
-                    *message.state,
-                    *message.covariance,
-                    message.nis,
-                    *message.detector_statistic,
-                    *message.diagnostic_value,
+                    *belief.state.tolist(),
+                    *belief.covariance.ravel().tolist(),
+                    belief.nis,
+                    *[detection.statistic for detection in belief.detections],
+                    *belief.diagnostics.values(),
                 ]
             ):
-                return message
+                return published(step, t, belief, refused)
             self._declare(step, "its estimate is not finite")
-        return _estimate_message(step, t, Belief(np.zeros(0), np.zeros((0, 0))), refused)
-
-
-def _estimate_message(step: int, t: float, belief: Belief, refused: int) -> Estimate:
-    """Return the message of a belief; numbers of numpy's own types become Python's, which JSON knows."""
-    covariance: list[float] = belief.covariance.ravel().tolist()
-    variances = covariance[:: belief.state.size + 1]
-    detections = belief.detections
-    return Estimate(
-        step=step,
-        t=t,
-        refers_to=step if belief.refers_to is None else belief.refers_to,
-        diverged=not belief.state.size,
-        state=belief.state.tolist(),
-        covariance=covariance,
-        covariance_shape=list(belief.covariance.shape),
-        sigma=[math.sqrt(variance) if variance > 0.0 else 0.0 for variance in variances],
-        nis=float(belief.nis),
-        nis_dof=int(belief.nis_dof),
-        detector_source=[detection.source for detection in detections],
-        detector_sequence=[detection.sequence for detection in detections],
-        detector_statistic=[float(detection.statistic) for detection in detections],
-        detector_alarm=[bool(detection.alarm) for detection in detections],
-        diagnostic_name=list(belief.diagnostics),
-        diagnostic_value=[float(value) for value in belief.diagnostics.values()],
-        refused=refused,
-    )
+        return published(step, t, Belief(np.zeros(0), np.zeros((0, 0))), refused)
 
 
 def estimator_program(
@@ -129,8 +101,6 @@ def estimator_program(
     """
     inbox_topic = keys.rx(own.name, keys.CORRECT)
     exchange_topic = keys.rx(own.name, keys.EXCHANGE)
-    outgoing_topic = keys.tx(own.name, keys.EXCHANGE)
-    estimate_topic = keys.estimate(own.name)
     control_topic = keys.rx(own.name, keys.CONTROL)
     is_heard = any(link.source == own.name for link in plan.links_of(keys.EXCHANGE))
     guard = _Guard(own.name, estimator, state_size)
@@ -138,13 +108,16 @@ def estimator_program(
     measured = Gate(plan, own.sensors)
     exchanged = Gate(plan, own.neighbours)
     controlled = Gate(plan, own.controllers)
-    check = sealed(plan, own.name, keys.EXCHANGE)
+    send = sender(port, plan, own.name, keys.EXCHANGE)
+    put = outlet(port, keys.estimate(own.name))
     tell = watch(port, plan, own.name)
     refused = 0
 
     def admitted(inbox: Inbox | Delivery, gate: Gate) -> Sequence[Packet]:
         nonlocal refused
         packets = packets_of_inbox(inbox)
+        if isinstance(inbox, Delivery) and inbox.untouched:
+            return packets
         if holds(inbox, ORACLE):
             hears = bool(own.oracles) and gate is measured
             told = [packet for packet in packets if hears and packet.kind == ORACLE]
@@ -174,15 +147,13 @@ def estimator_program(
             if is_heard:
                 if payload is not None and trigger is not None and not trigger.sends(step, np.array(payload)):
                     payload = None
-                number = step * own.rounds + round_
-                seal = check(step, number, payload)
-                port.send(outgoing_topic, transmission(step, t, round_, number, payload, seal))
+                send(step, round_, step * own.rounds + round_, payload)
             packets = ()
             if own.neighbours:
                 packets = admitted((yield exchange_topic), exchanged)
             payload = guard.payload(step, round_, packets)
         estimate = guard.estimate(step, t, refused)
-        port.send(estimate_topic, estimate)
-        tell(step, [float(sum(estimate.detector_alarm))])
+        put(estimate)
+        tell(step, [float(sum([bool(detection.alarm) for detection in estimate.detections]))])
 
     return every_step(own.name, plan.silent_from(own.name), one_step)

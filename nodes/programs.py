@@ -10,10 +10,11 @@ import numpy as np
 from bus import keys
 from bus.integrity import Gate, seal_of
 from bus.messages import Credit, Estimate, Inbox, Truth
-from bus.packets import UNSEALED, Delivery, Packet, Vector, packets_of_inbox, transmission
+from bus.packets import Delivery, Packet, Sending, Vector, packets_of_inbox, transmission
 from bus.plan import ControllerPlan, Plan
-from bus.program import Port, Program, every_step
+from bus.program import Port, Program, every_step, outlet
 from nodes.contract import Controller, Plant, Sensor, Trigger
+from nodes.published import Published
 from nodes.signal_attack import SignalAttacks
 
 
@@ -23,7 +24,7 @@ def is_finite(values: list[float]) -> bool:
 
 
 def _finite(values: Vector, what: str) -> list[float]:
-    """Return values as they travel; raises FloatingPointError for what cannot."""
+    """Return values as JSON has them; raises FloatingPointError for what cannot travel."""
     numbers: list[float] = values.tolist()
     if not is_finite(numbers):
         raise FloatingPointError(f"{what} is not finite: {values}")
@@ -126,16 +127,22 @@ def plant_program(
     return every_step(plan.plant.name, plan.steps, one_step)
 
 
-def sealed(plan: Plan, name: str, stream: str) -> Callable[[int, int, list[float] | None], int]:
-    """Return what seals a node's payloads of a stream, given their step and sequence number."""
-    seal = seal_of(plan, name)
-    if seal is None:
-        return lambda step, sequence, values: UNSEALED
+def sender(port: Port, plan: Plan, name: str, stream: str) -> Callable[[int, int, int, Vector | None], None]:
+    """Return what sends a node's slots of a stream, given step, round, sequence number and payload."""
+    put, seal, period_s = outlet(port, keys.tx(name, stream)), seal_of(plan, name), plan.period_s
 
-    def check(step: int, sequence: int, values: list[float] | None) -> int:
-        return UNSEALED if values is None else seal(Packet(name, step, sequence, stream, np.array(values)))
+    def send(step: int, round_: int, sequence: int, values: Vector | None) -> None:
+        packets = []
+        if values is not None:
+            own = values.copy()
+            own.flags.writeable = False
+            packet = Packet(name, step, sequence, stream, own)
+            if seal is not None:
+                packet = Packet(name, step, sequence, stream, own, seal(packet))
+            packets = [packet]
+        put(Sending(step, step * period_s, round_, packets))
 
-    return check
+    return send
 
 
 def sensor_program(
@@ -148,18 +155,16 @@ def sensor_program(
 ) -> Program:
     """Measure the truth of every step and send it, when the event trigger lets it."""
     truth_topic = keys.truth(plan.plant.name)
-    topic = keys.tx(name, keys.MEASUREMENT)
     signals = SignalAttacks(plan)
-    check = sealed(plan, name, keys.MEASUREMENT)
+    send = sender(port, plan, name, keys.MEASUREMENT)
 
     def one_step(step: int) -> Program:
         truth: Truth = yield truth_topic
         entering = {"attack": signals.at(step)} if signals.exist else {}
         measured = sensor.observe(step, np.array(truth.state), noise, **entering)
-        values: list[float] | None = _finite(measured, "the measurement")
-        if trigger is not None and not trigger.sends(step, measured):
-            values = None
-        port.send(topic, transmission(step, truth.t, 0, step, values, check(step, step, values)))
+        _finite(measured, "the measurement")
+        is_sent = trigger is None or trigger.sends(step, measured)
+        send(step, 0, step, measured if is_sent else None)
 
     return every_step(name, plan.silent_from(name), one_step)
 
@@ -167,13 +172,12 @@ def sensor_program(
 def controller_program(port: Port, plan: Plan, own: ControllerPlan, controller: Controller) -> Program:
     """Send the input that each estimate asks for; of a diverged one, what the controller decides."""
     estimate_topic = keys.estimate(own.estimator)
-    topic = keys.tx(own.name, keys.CONTROL)
-    check = sealed(plan, own.name, keys.CONTROL)
+    send = sender(port, plan, own.name, keys.CONTROL)
 
     def one_step(step: int) -> Program:
-        estimate: Estimate = yield estimate_topic
-        state = None if estimate.diverged else np.array(estimate.state)
-        values = _finite(controller.control(step, state), "the input")
-        port.send(topic, transmission(step, step * plan.period_s, 0, step, values, check(step, step, values)))
+        estimate: Estimate | Published = yield estimate_topic
+        commanded = controller.control(step, None if estimate.diverged else np.array(estimate.state))
+        _finite(commanded, "the input")
+        send(step, 0, step, commanded)
 
     return every_step(own.name, plan.silent_from(own.name), one_step)

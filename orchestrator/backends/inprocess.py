@@ -25,7 +25,7 @@ def run_messages(plan: Plan, sink: Sink, window: int = RunSettings.window) -> No
 
 
 def run_carried(plan: Plan, sink: Sink, carrier: Carrier, window: int = RunSettings.window) -> None:
-    """Run as `run_messages` does, but hand inboxes to a carrier of their own; BLAS must have one thread."""
+    """Run as `run_messages` does, but without making messages of forms; BLAS must have one thread."""
     _run(plan, CarryingBus(sink, carrier, paced(plan)), window)
 
 

@@ -5,21 +5,26 @@ from __future__ import annotations
 import sys
 import time
 import traceback
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bus.inprocess import Sink
 from bus.messages import Message, Truth
 from bus.plan import Plan
 from bus.program import NodeError
 from orchestrator.backends.inprocess import run_carried
 from orchestrator.evidence.rows import Row, failed_row, gathered_rows
+from orchestrator.score.carried import Carried
 from orchestrator.score.gather import Gatherer, ScoreError
 from orchestrator.topology.resolved import Topology
 
 _WINDOW = 1
 """Steps that the plant may lead: with one, the time between two truths is that of a step."""
+
+
+_PACKED = 32
+"""Steps whose packets are gathered together: enough to be cheap, and few enough to be at hand."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +57,11 @@ def run_trial(plan: Plan, logged: Topology, trial: int) -> tuple[list[Row], Tria
     own = replace(plan, trial=trial)
     here = logged.at(trial=trial)
     gatherer = Gatherer(here.plan)
+    carried = Carried(gatherer)
     stamps: list[float] = []
     try:
-        run_carried(own, _noting_steps(gatherer, stamps), gatherer.take, _WINDOW)
+        run_carried(own, _noting_steps(gatherer, carried, stamps), carried.taker, _WINDOW)
+        carried.pack()
         rows = gathered_rows(here, gatherer.finish())
     except Exception as error:
         print(f"{own.name}, trial {trial}:", file=sys.stderr)
@@ -64,13 +71,15 @@ def run_trial(plan: Plan, logged: Topology, trial: int) -> tuple[list[Row], Tria
     return rows, _timing(begun, stamps)
 
 
-def _noting_steps(gatherer: Gatherer, stamps: list[float]) -> Callable[[str, Message], None]:
-    """Return a sink that gathers every message and notes when each step begins."""
+def _noting_steps(gatherer: Gatherer, carried: Carried, stamps: list[float]) -> Sink:
+    """Return a sink that gathers every message, notes when each step begins, and packs what was carried."""
     gather, clock = gatherer.take, time.perf_counter
 
     def take(topic: str, message: Message) -> None:
         if type(message) is Truth:
             stamps.append(clock())
+            if len(stamps) % _PACKED == 0:
+                carried.pack()
         gather(topic, message)
 
     return take

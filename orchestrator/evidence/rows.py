@@ -202,10 +202,11 @@ def _packets(plan: Plan, evidence: Evidence) -> list[Row]:
     numbers = {name: number for number, name in enumerate(sorted(receivers))}
     receiver = np.array([numbers[link.destination] for link in plan.links], dtype=np.int64)
     names = np.array([link.name for link in plan.links], dtype=object)
-    judged = judgement.judged[judgement.link]
+    judged = np.flatnonzero(judgement.judged[judgement.link])
+    receives = receiver[judgement.link[judged]]
     rows = []
     for estimator in plan.estimators:
-        mine = judged & (receiver[judgement.link] == numbers.get(estimator.name, -1))
+        mine = judged[receives == numbers.get(estimator.name, -1)]
         rows.append(
             {
                 "packet.step": judgement.step[mine],

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.messages import Estimate, Truth
+from nodes.published import Published
 
 PROBABILITY = "attack_probability"
 STEP = "attack_step"
@@ -69,7 +70,7 @@ class AttackListener:
         """Keep the signal of a step."""
         self._truth[message.step] = message.attack
 
-    def take_estimate(self, node: int, message: Estimate) -> None:
+    def take_estimate(self, node: int, message: Estimate | Published) -> None:
         """Keep what an estimate says of the attack."""
         names, places = self._layouts.get(node, ([], None))
         if names != message.diagnostic_name:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 import sys
 from array import array
 from collections.abc import Sequence
@@ -12,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.messages import ChannelEvents, Inbox
-from bus.packets import Delivery
+from bus.messages import ChannelEvents
+from bus.packets import Packet
+from channel.happened import Happened
 from orchestrator.errors import InputError
 
 MOST_LOOSE = 20_000
@@ -50,6 +50,9 @@ COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "re
 """What is counted by link: sums over the run, and of ``in_flight`` what was left at its end."""
 
 
+_OFTEN_ZERO = ("lost", "attacked", "injected", "duplicated", "refused")
+
+
 class Rows:
     """Columns of `Packets` in the making."""
 
@@ -72,30 +75,27 @@ def integers(column: array[int]) -> Ints:
 
 
 class Payloads:
-    """The payloads of inboxes, end to end."""
+    """The payloads of delivered packets that somebody may have made, end to end."""
 
     def __init__(self) -> None:
-        self._sizes, self._values = array("q"), array("d")
+        self._places, self._sizes, self._values = array("q"), array("q"), array("d")
 
-    def take(self, message: Inbox | Delivery) -> None:
-        """Take those of one inbox."""
-        if isinstance(message, Delivery):
-            for packet in message.packets:
-                self._sizes.append(packet.values.size)
-                self._values.extend(packet.values.tolist())
-        else:
-            ends = (*message.offset[1:], len(message.values))
-            self._sizes.extend(map(operator.sub, ends, message.offset))
-            self._values.extend(message.values)
+    def take(self, place: int, packets: Sequence[Packet]) -> None:
+        """Take those of one inbox, whose first packet stands in this place among the deliveries."""
+        self._places.extend(range(place, place + len(packets)))
+        for packet in packets:
+            self._sizes.append(packet.values.size)
+            self._values.extend(packet.values.tolist())
 
     def norms(self, wanted: Bools) -> Floats:
-        """Return the Euclidean norm of each payload that is wanted, NaN for the others."""
+        """Return the Euclidean norm of each payload that is wanted and was taken, NaN for the others."""
         norms = np.full(wanted.size, np.nan)
+        places = integers(self._places)
         end = np.cumsum(integers(self._sizes))
         begin = end - integers(self._sizes)
         values, largest = self._values, sys.float_info.max
-        for i in np.flatnonzero(wanted).tolist():
-            norms[i] = min(math.hypot(*values[begin[i] : end[i]]), largest)
+        for i in np.flatnonzero(wanted[places]).tolist():
+            norms[places[i]] = min(math.hypot(*values[begin[i] : end[i]]), largest)
         return norms
 
 
@@ -110,20 +110,14 @@ class Ledger:
         self.step = array("q")
         self.counted: dict[str, array[int]] = {name: array("q") for name in COUNTS[:-1]}
 
-    def take(self, message: ChannelEvents) -> None:
-        """Take the counts of one step; those that a message leaves out are zero on every link."""
+    def take(self, message: ChannelEvents | Happened) -> None:
+        """Take the counts of one step; those that it leaves out are zero on every link."""
         self.step.append(message.step)
         counted = self.counted
         counted["sent"].extend(message.sent)
-        counted["lost"].extend(message.lost)
-        counted["attacked"].extend(message.attacked)
         counted["delivered"].extend(message.delivered)
-        if message.injected:
-            counted["injected"].extend(message.injected)
-        if message.duplicated:
-            counted["duplicated"].extend(message.duplicated)
-        if message.refused:
-            counted["refused"].extend(message.refused)
+        for name in _OFTEN_ZERO:
+            counted[name].extend(getattr(message, name))
 
     def table(self, name: str) -> Ints:
         """Return a count by step and link; the steps of one that is often left out are not told."""

@@ -52,11 +52,20 @@ def confusion(attacked: Bools, alarm: Bools) -> Confusion:
 def _codes(gathered: Gathered, steps: int) -> tuple[Ints, Ints, Ints]:
     """Return codes of the deliveries, verdicts and events: code // steps is the packet, the rest its step."""
     tables = (gathered.deliveries, gathered.verdicts, gathered.events)
-    _, dense = np.unique(np.concatenate([table.sequence for table in tables]), return_inverse=True)
-    packet = np.concatenate([table.link for table in tables]) * max(dense.size, 1) + dense
+    dense, size = _dense(np.concatenate([table.sequence for table in tables]))
+    packet = np.concatenate([table.link for table in tables]) * size + dense
     code = packet * steps + np.concatenate([table.step for table in tables])
     ends = np.cumsum([table.link.size for table in tables])
     return code[: ends[0]], code[ends[0] : ends[1]], code[ends[1] :]
+
+
+def _dense(sequence: Ints) -> tuple[Ints, int]:
+    """Return small numbers in the order of the sequence numbers, and one that is greater than all of them."""
+    low, high = int(sequence.min(initial=0)), int(sequence.max(initial=0))
+    if high - low <= 4 * sequence.size:  # as they are, unless somebody made up great ones
+        return sequence - low, high - low + 1
+    _, dense = np.unique(sequence, return_inverse=True)
+    return dense, max(dense.size, 1)
 
 
 def _before(codes: Ints, sorted_codes: Ints, steps: int) -> Bools:
@@ -82,18 +91,21 @@ def _joined(one: Packets, other: Packets) -> Packets:
     return Packets(*(np.concatenate([getattr(one, f.name), getattr(other, f.name)]) for f in fields(Packets)))
 
 
-def _paired(verdict: Ints, delivery_code: Ints, verdict_code: Ints) -> Ints:
+def _paired(verdict: Ints, delivery_code: Ints, by_code: Ints, verdict_code: Ints) -> Ints:
     """Return the verdicts by delivery, given one by one where several deliveries have one code.
 
     They are taken in the order of the inbox, where a step holds as many verdicts as deliveries of a code.
     """
-    codes, counts = np.unique(delivery_code, return_counts=True)
+    in_order = delivery_code[by_code]
+    if not (in_order[1:] == in_order[:-1]).any():
+        return verdict
+    codes, counts = np.unique(in_order, return_counts=True)
     judged, verdicts = np.unique(verdict_code, return_counts=True)
     several = np.intersect1d(codes[counts > 1], judged)
     if not several.size:
         return verdict
     fits = counts[np.searchsorted(codes, several)] == verdicts[np.searchsorted(judged, several)]
-    of, by = (np.argsort(code, kind="stable") for code in (delivery_code, verdict_code))
+    of, by = by_code, np.argsort(verdict_code, kind="stable")
     of, by = of[np.isin(delivery_code[of], several[fits])], by[np.isin(verdict_code[by], several[fits])]
     paired = verdict.copy()
     paired[of] = by
@@ -155,11 +167,11 @@ def judge(plan: Plan, gathered: Gathered) -> Judgement:
     order = np.lexsort((~verdicts.mark, verdict_code))
     judged_in_time, at = _after(delivery_code, verdict_code[order], steps)
     verdict = np.where(judged_in_time, np.append(order, -1)[at], -1)
-    verdict = _paired(verdict, delivery_code, verdict_code)
+    by_code = np.argsort(delivery_code, kind="stable")
+    verdict = _paired(verdict, delivery_code, by_code, verdict_code)
     alarm = np.append(verdicts.mark, False)[verdict]
     attack = events.mark
     attacked = _before(delivery_code, np.sort(event_code[attack]), steps)
-    by_code = np.argsort(delivery_code, kind="stable")
     reached, at = _after(event_code[attack], delivery_code[by_code], steps)
     attacks = _rows(events, attack)
     landed = by_code[at[reached]]

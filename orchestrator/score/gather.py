@@ -13,8 +13,10 @@ import numpy as np
 from bus import keys
 from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
-from bus.packets import ORACLE, Delivery, packets_of_inbox
+from bus.packets import ORACLE, Packet, packets_of_inbox, packets_of_transmission
 from bus.plan import Plan
+from channel.happened import Happened
+from nodes.published import Published
 from orchestrator.score.attack_beliefs import AttackBeliefs, AttackListener
 from orchestrator.score.columns import (
     COUNTS,
@@ -119,17 +121,22 @@ class Gatherer:
         self.estimators = _Index({estimator.name: i for i, estimator in enumerate(plan.estimators)})
         self.links = _Index({link.name: i for i, link in enumerate(plan.links)})
         self.stages = _Index({stage.label: i for i, stage in enumerate(plan.stages)})
-        self.inboxes: list[tuple[str, Inbox | Delivery]] = []
+        self.inboxes: list[tuple[str, Inbox]] = []
         self.payloads = Payloads()
         self.incoming: dict[str, _Index] = {name: _Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
+        self.receivers = {
+            keys.rx(link.destination, keys.phase_of(link.stream)): self.incoming[link.destination]
+            for link in plan.links
+        }
         self.told = {keys.rx(own.name, keys.CORRECT) for own in plan.estimators if own.oracles}
         self.false_data = FalseDataListener(plan)
         self.truth: dict[int, list[float]] = {}
         self.of_attacks = AttackListener()
         self.loose: list[tuple[str, Estimate]] = []
-        self.estimates = tuple(array("q") for _ in range(7))  # see `_pack_estimates`
+        self.estimates = array("q")  # rows of seven, see `_pack_estimates`
+        self.speaking: dict[tuple[str, ...], bool] = {}
         self.state, self.covariance, self.nis = array("d"), array("d"), array("d")
         senders: dict[tuple[str, str], list[str]] = {}
         for link in plan.links:
@@ -139,21 +146,21 @@ class Gatherer:
         self.ledgers: dict[tuple[str, int], Ledger] = {}
         self.all_ledgers: list[Ledger] = []
         self.measurements = MeasurementRows(plan)
-        self.last_events: dict[tuple[str, int], ChannelEvents] = {}
+        self.measuring = {keys.tx(own.name, keys.MEASUREMENT): own.name for own in plan.sensors}
+        self.last_events: dict[tuple[str, int], ChannelEvents | Happened] = {}
         self.triggered = frozenset(plan.triggered)
         self.said_sent: dict[str, tuple[int, float]] = {}
         self.guaranteed: dict[str, bool] = {}
-        self.takers: dict[type[Message | Delivery], Callable[[str, Any], None]] = {
+        self.takers: dict[type[Message], Callable[[str, Any], None]] = {
             Truth: self._take_truth,
             Estimate: self._take_estimate,
             Inbox: self._take_inbox,
-            Delivery: self._take_inbox,
-            ChannelEvents: self._take_events,
-            Transmission: self._take_transmission,
+            ChannelEvents: self.take_events,
+            Transmission: self._take_sent,
         }
 
-    def take(self, topic: str, message: Message | Delivery) -> None:
-        """Take a message, or an inbox in the form of its packets; what no score needs is passed over."""
+    def take(self, topic: str, message: Message) -> None:
+        """Take a message; what no score needs is passed over."""
         take = self.takers.get(type(message))
         if take is not None:
             take(topic, message)
@@ -167,11 +174,20 @@ class Gatherer:
         name = topic[_AFTER_ESTIMATE:]
         self.loose.append((name, message))
         if message.diagnostic_name:
-            self._take_diagnostics(name, message)
+            self.take_diagnostics(name, message)
         if len(self.loose) >= MOST_LOOSE:
             self._pack_estimates()
 
-    def _take_diagnostics(self, name: str, message: Estimate) -> None:
+    def speaks(self, names: tuple[str, ...]) -> bool:
+        """Return whether diagnostics of these names say something that is listened to."""
+        speaks = self.speaking.get(names)
+        if speaks is None:
+            speaks = any(name in (SENT, GUARANTEED, "a0") or name.startswith("attack_") for name in names)
+            self.speaking[names] = speaks
+        return speaks
+
+    def take_diagnostics(self, name: str, message: Estimate | Published) -> None:
+        """Take what an estimate's diagnostics say."""
         self.of_attacks.take_estimate(self.estimators[name], message)
         self.false_data.take_estimate(name, message)
         if name in self.triggered and SENT in message.diagnostic_name:
@@ -182,9 +198,17 @@ class Gatherer:
             holds = message.diagnostic_value[message.diagnostic_name.index(GUARANTEED)] > 0.0
             self.guaranteed[name] = holds and self.guaranteed.get(name, True)
 
-    def _take_transmission(self, topic: str, message: Transmission) -> None:
-        self.measurements.take_sent(topic, message)
-        self.false_data.take_transmission(topic, message)
+    def _take_sent(self, topic: str, message: Transmission) -> None:
+        source = self.measuring.get(topic)
+        if source is not None:
+            self.take_measured(
+                source, message.step, packets_of_transmission(message, source, keys.MEASUREMENT)
+            )
+
+    def take_measured(self, source: str, step: int, packets: Sequence[Packet]) -> None:
+        """Take what a sensor sent in a step."""
+        self.measurements.take_sent(source, step, packets)
+        self.false_data.take_sent(source, step, packets)
 
     def _pack_estimates(self) -> None:
         """Pack the estimates' numbers; of many at once, for that takes a third of the time."""
@@ -199,8 +223,7 @@ class Gatherer:
             [len(message.state) for message in messages],
             [len(message.covariance) for message in messages],
         )
-        for column, values in zip(self.estimates, columns, strict=True):
-            column.extend(values)
+        self.estimates.extend(chain.from_iterable(zip(*columns, strict=True)))
         self.nis.extend([message.nis for message in messages])
         self.state.extend(chain.from_iterable([message.state for message in messages]))
         self.covariance.extend(chain.from_iterable([message.covariance for message in messages]))
@@ -213,9 +236,11 @@ class Gatherer:
         rows.value.extend([value for _, own in judging for value in own.detector_statistic])
         self.loose.clear()
 
-    def _take_inbox(self, topic: str, message: Inbox | Delivery) -> None:
+    def _take_inbox(self, topic: str, message: Inbox) -> None:
         if message.source:
-            self.false_data.take_inbox(topic, message)
+            node = self.false_data.receivers.get(topic)
+            if node is not None:
+                self.false_data.take_inbox(node, message.step, packets_of_inbox(message))
             self.inboxes.append((topic, message))
             if len(self.inboxes) >= MOST_LOOSE:
                 self._pack_inboxes(with_values=True)
@@ -230,10 +255,16 @@ class Gatherer:
         rows.sequence.extend(chain.from_iterable([message.sequence for message in held]))
         ends = accumulate(len(message.source) for message in held)
         for (topic, message), end in zip(self.inboxes, ends, strict=True):
-            self.measurements.take_inbox(topic, message, links[end - len(message.source) : end])
+            estimator = self.measurements.receivers.get(topic)
+            if estimator is not None:
+                packets, own = packets_of_inbox(message), links[end - len(message.source) : end]
+                steps = [message.step] * len(packets)
+                self.measurements.take_arrived(estimator, steps, packets, own, untouched=False)
         if with_values:
+            place = len(rows.link) - len(links)
             for message in held:
-                self.payloads.take(message)
+                self.payloads.take(place, packets_of_inbox(message))
+                place += len(message.source)
         self.inboxes.clear()
 
     def _links(self) -> Sequence[int]:
@@ -243,20 +274,23 @@ class Gatherer:
             links = [incoming[topic][source] for topic, message in self.inboxes for source in message.source]
             if min(links, default=0) >= 0:
                 return links
-        return [link for topic, message in self.inboxes for link in self._let_in(topic, message)]
+        return [
+            link for topic, message in self.inboxes for link in self.let_in(topic, packets_of_inbox(message))
+        ]
 
-    def _let_in(self, topic: str, message: Inbox | Delivery) -> list[int]:
-        """Return the links of one inbox's packets, each looked at by itself."""
+    def let_in(self, topic: str, packets: Sequence[Packet]) -> list[int]:
+        """Return the links of one inbox's packets, `_REFUSED` for one that is not let in."""
         node, phase = topic.split("/")[1:3]
         gate, incoming = self.gates.get((node, phase)), self.incoming[node]
         return [
             incoming[packet.source]
             if packet.kind != ORACLE and (gate is None or gate.admits(packet))
             else _REFUSED
-            for packet in packets_of_inbox(message)
+            for packet in packets
         ]
 
-    def _take_events(self, topic: str, message: ChannelEvents) -> None:
+    def take_events(self, topic: str, message: ChannelEvents | Happened) -> None:
+        """Take what happened in the channel."""
         place = topic, message.round
         ledger = self.ledgers.get(place)
         if ledger is None or ledger.link != message.link:
@@ -270,7 +304,7 @@ class Gatherer:
             self._take_acts(message)
             self.false_data.take_events(message)
 
-    def _take_acts(self, message: ChannelEvents) -> None:
+    def _take_acts(self, message: ChannelEvents | Happened) -> None:
         columns = (message.event_link, message.event_stage, message.event_sequence, message.event_action)
         magnitudes = message.event_magnitude
         for link, stage, sequence, action, size in zip(*columns, magnitudes, strict=True):
@@ -344,8 +378,8 @@ class Gatherer:
 
     def _estimates(self, truth: Floats) -> Estimates:
         self._pack_estimates()
-        columns = map(integers, self.estimates)
-        node, step, refers_to, diverged, dof, size, covariance_size = columns
+        rows = integers(self.estimates).reshape(-1, 7)
+        node, step, refers_to, diverged, dof, size, covariance_size = rows.T.copy()
         (K, n), N = truth.shape, len(self.plan.estimators)
         self._check(node, step, size, covariance_size, n)
         present, declared = np.zeros((N, K), dtype=bool), np.zeros((N, K), dtype=bool)
@@ -374,7 +408,9 @@ class Gatherer:
         if self.injections.link:
             wanted = let_in & np.isin(rows.sequence, list({*self.injections.sequence}))
             rows = replace(rows, value=self.payloads.norms(wanted))
-        return Packets(*(getattr(rows, field.name)[let_in] for field in fields(rows)))
+        kept = np.flatnonzero(let_in)
+        kept = kept[np.argsort(rows.step[kept], kind="stable")]  # they were taken receiver by receiver
+        return Packets(*(getattr(rows, field.name)[kept] for field in fields(rows)))
 
     def _sent(self) -> Ints:
         """Return the slots with a packet by sender and step; one link of a sender tells for its stream."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from statistics import fmean
 
 from orchestrator.score.catalogue import Metric
@@ -32,16 +33,27 @@ class LinkSet:
     links: Sequence[LinkScore]
     score: Score
 
-    @property
+    @cached_property
     def names(self) -> set[str]:
         """The links' names."""
         return {link.name for link in self.links}
 
-    @property
+    @cached_property
     def windows(self) -> list[AttackWindow]:
         """The attack windows on links that a detector judged."""
         names = self.names
         return [window for window in self.score.windows if window.judged and window.link in names]
+
+    @cached_property
+    def traffic(self) -> Traffic:
+        """Their traffic, pooled."""
+        parts = [link.traffic for link in self.links]
+        return Traffic.of(**{count: sum(getattr(part, count) for part in parts) for count in Traffic.COUNTS})
+
+    @cached_property
+    def confusion(self) -> Confusion | None:
+        """The confusion over the judged ones among them; None when none is judged."""
+        return pooled_confusion(self.links)
 
 
 def _or_nan(value: float | None) -> float:
@@ -126,12 +138,6 @@ def pooled_confusion(links: Sequence[LinkScore]) -> Confusion | None:
     )
 
 
-def _traffic(links: Sequence[LinkScore], name: str) -> float:
-    parts = [link.traffic for link in links]
-    pooled = Traffic.of(**{count: sum(getattr(part, count) for part in parts) for count in Traffic.COUNTS})
-    return _or_nan(getattr(pooled, name))
-
-
 def _recovered(links: Sequence[LinkScore], name: str) -> float:
     """Return how well attacks were recovered on some links, their packets pooled."""
     parts = [link.recovered for link in links if link.recovered is not None]
@@ -149,13 +155,13 @@ def link_value(chosen: LinkSet, metric: str) -> float:
     """Return a metric of a set of links, their packets pooled."""
     family, _, name = metric.partition(".")
     if family == "packets":
-        return _traffic(chosen.links, name)
+        return _or_nan(getattr(chosen.traffic, name))
     if family == "lockouts":
         names = chosen.names
         return float(sum(lockout.link in names for lockout in chosen.score.lockouts))
     if family == "recovered":
         return _recovered(chosen.links, name)
-    pooled = pooled_confusion(chosen.links)
+    pooled = chosen.confusion
     if pooled is None:
         return math.nan
     if name == "missed_windows":

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bus import keys
-from bus.messages import Inbox, Transmission
-from bus.packets import Delivery
+from bus.packets import Packet, Vector
 from bus.plan import Plan
 
-_ONE_PACKET = [0]
 _CHANGED = -1
 
 
@@ -39,70 +37,79 @@ class Measurements:
     sent: NDArray[np.bool_]
 
 
+class _Doubt(NamedTuple):
+    """A packet that may not be what its sensor sent, and the row that it stands in."""
+
+    row: int
+    sensor: int
+    sequence: int
+    step: int
+    values: Vector
+
+
 class MeasurementRows:
-    """Measurements in the making; messages may come in any order, and are looked at when all have come."""
+    """Measurements in the making; what is not known to be untouched is compared when everything has come."""
 
     def __init__(self, plan: Plan) -> None:
         self._sensors = {own.name: i for i, own in enumerate(plan.sensors)}
-        self._senders = {keys.tx(own.name, keys.MEASUREMENT): i for i, own in enumerate(plan.sensors)}
-        self._receivers = {keys.rx(own.name, keys.CORRECT): i for i, own in enumerate(plan.estimators)}
+        self.receivers = {keys.rx(own.name, keys.CORRECT): i for i, own in enumerate(plan.estimators)}
         self._steps = plan.steps
-        self._sent: list[tuple[int, int, list[int], list[int], list[float]]] = []
-        self._came: list[tuple[int, Inbox | Delivery, Sequence[int]]] = []
+        self._originals: dict[tuple[int, int], tuple[int, Vector]] = {}
+        self._sent = np.zeros((len(self._sensors), self._steps), dtype=bool)
+        self._rows = array("q")
+        self._values: list[Vector] = []
+        self._doubts: list[_Doubt] = []
 
-    def take_sent(self, topic: str, message: Transmission) -> None:
-        """Take what a node sent in a step, if it is a sensor's measurement."""
-        sensor = self._senders.get(topic)
-        if sensor is not None:
-            self._sent.append((sensor, message.step, message.sequence, message.offset, message.values))
+    def take_sent(self, source: str, step: int, packets: Sequence[Packet]) -> None:
+        """Take what a sensor sent in a step."""
+        sensor = self._sensors[source]
+        for packet in packets:
+            self._originals[sensor, packet.sequence] = step, packet.values
+        if packets and 0 <= step < self._steps:
+            self._sent[sensor, step] = True
 
-    def take_inbox(self, topic: str, message: Inbox | Delivery, links: Sequence[int]) -> None:
-        """Take what reached a node; ``links`` tells the link of each packet, below -1 for one not let in."""
-        estimator = self._receivers.get(topic)
-        if estimator is not None:
-            self._came.append((estimator, message, links))
+    def take_arrived(
+        self,
+        estimator: int,
+        steps: Sequence[int],
+        packets: Sequence[Packet],
+        links: Sequence[int],
+        *,
+        untouched: bool,
+    ) -> None:
+        """Take what reached one of the ``receivers``; ``untouched``: as it was sent in its step.
+
+        ``links`` tells the link of each packet, below -1 for one not let in.
+        """
+        numbers = self._sensors
+        kept = [
+            (numbers[packet.source], step, packet)
+            for packet, step, link in zip(packets, steps, links, strict=True)
+            if link >= -1 and packet.kind == keys.MEASUREMENT and packet.source in numbers
+        ]
+        if not untouched:
+            row = len(self._values)
+            self._doubts += [
+                _Doubt(row + i, sensor, packet.sequence, step, packet.values)
+                for i, (sensor, step, packet) in enumerate(kept)
+            ]
+        for sensor, step, packet in kept:
+            self._rows.extend((estimator, sensor, step, 0, packet.values.size))
+        self._values += [packet.values for _, _, packet in kept]
 
     def finish(self) -> Measurements:
         """Return all that was taken."""
-        originals, sent = self._originals()
-        rows, flat = array("q"), array("d")
-        numbers, steps = self._sensors, self._steps
-        for estimator, message, links in self._came:
-            step = message.step
-            for (source, sequence, kind, payload), link in zip(_packets(message), links, strict=True):
-                sensor = numbers.get(source, -1)
-                if sensor < 0 or kind != keys.MEASUREMENT or link < -1:
-                    continue
-                sent_step, original = originals.get((sensor, sequence), (steps, None))
-                late = step - sent_step if original == payload and sent_step <= step else _CHANGED
-                rows.extend((estimator, sensor, step, late, len(payload)))
-                flat.extend(payload)
-        estimators, sensors, delivered, by, size = np.array(rows, dtype=np.int64).reshape(-1, 5).T
-        values = np.array(flat, dtype=np.float64)
-        return Measurements(estimators, sensors, delivered, by == 0, by > 0, values, size, sent)
+        rows = np.array(self._rows, dtype=np.int64).reshape(-1, 5)
+        estimators, sensors, delivered, by, size = rows.T
+        for doubt in self._doubts:
+            by[doubt.row] = self._late(doubt)
+        values = np.concatenate([np.zeros(0), *self._values])
+        return Measurements(estimators, sensors, delivered, by == 0, by > 0, values, size, self._sent)
 
-    def _originals(self) -> tuple[dict[tuple[int, int], tuple[int, list[float]]], NDArray[np.bool_]]:
-        """Return step and payload of each packet that was sent, by sensor and number; and when they sent."""
-        originals: dict[tuple[int, int], tuple[int, list[float]]] = {}
-        sent = np.zeros((len(self._sensors), self._steps), dtype=bool)
-        for sensor, step, sequences, offset, values in self._sent:
-            for sequence, payload in zip(sequences, _payloads(values, offset), strict=True):
-                originals[sensor, sequence] = (step, payload)
-        senders = np.array([(own[0], own[1]) for own in self._sent if own[2]], dtype=np.int64).reshape(-1, 2)
-        sensors, steps = senders[(senders[:, 1] >= 0) & (senders[:, 1] < self._steps)].T
-        sent[sensors, steps] = True
-        return originals, sent
-
-
-def _packets(message: Inbox | Delivery) -> Iterable[tuple[str, int, str, list[float]]]:
-    """Return source, number, kind and payload of each packet."""
-    if isinstance(message, Delivery):
-        return [(own.source, own.sequence, own.kind, own.values.tolist()) for own in message.packets]
-    payloads = _payloads(message.values, message.offset)
-    return zip(message.source, message.sequence, message.kind, payloads, strict=True)
-
-
-def _payloads(values: list[float], offset: list[int]) -> list[list[float]]:
-    if offset == _ONE_PACKET:
-        return [values]
-    return [values[begin:end] for begin, end in pairwise([*offset, len(values)])]
+    def _late(self, doubt: _Doubt) -> int:
+        """Return how many steps after it was sent a packet came, `_CHANGED` for one that nobody sent so."""
+        sent_step, original = self._originals.get((doubt.sensor, doubt.sequence), (self._steps, None))
+        if original is None or sent_step > doubt.step:
+            return _CHANGED
+        is_whole = original is doubt.values or original.tolist() == doubt.values.tolist()
+        return doubt.step - sent_step if is_whole else _CHANGED

@@ -15,9 +15,11 @@ import numpy as np
 
 from bus import keys
 from bus.integrity import Gate
-from bus.messages import ChannelEvents, Estimate, Inbox, Transmission
-from bus.packets import ORACLE, Delivery, packets_of_inbox
+from bus.messages import ChannelEvents, Estimate
+from bus.packets import ORACLE, Packet, Vector
 from bus.plan import Plan
+from channel.happened import Happened
+from nodes.published import Published
 from orchestrator.score.results import RecoveredAttack
 
 _Place = tuple[int, int]
@@ -43,40 +45,37 @@ class FalseDataListener:
         self._heard: dict[str, list[str]] = {}
         for source, destination in self._links:
             self._heard.setdefault(destination, []).append(source)
-        self._topics = {keys.tx(source, keys.MEASUREMENT): source for source, _ in self._links}
+        self._sources = {source for source, _ in self._links}
+        self.receivers = {keys.rx(node, keys.CORRECT): node for node in self._heard}
         self._gates = {node: Gate(plan, sources) for node, sources in self._heard.items()}
-        self._sent: dict[tuple[str, int], Sequence[float]] = {}
-        self._received: dict[_Place, Sequence[float]] = {}
+        self._sent: dict[tuple[str, int], Vector] = {}
+        self._received: dict[_Place, Vector] = {}
         self._attacked: set[_Place] = set()
         self._said: dict[_Place, _Said] = {}
 
-    def take_transmission(self, topic: str, message: Transmission) -> None:
+    def take_sent(self, source: str, step: int, packets: Sequence[Packet]) -> None:
         """Keep what a sensor sent."""
-        source = self._topics.get(topic)
-        if source is not None and len(message.sequence) == 1:
-            self._sent[source, message.step] = message.values
+        if source in self._sources and len(packets) == 1:
+            self._sent[source, step] = packets[0].values
 
-    def take_inbox(self, topic: str, message: Inbox | Delivery) -> None:
-        """Keep what arrived of the sensors in their own step."""
-        _, node, phase = topic.split("/")
-        if phase != keys.CORRECT or node not in self._heard:
-            return
-        packets = [packet for packet in packets_of_inbox(message) if packet.kind != ORACLE]
-        arrived = Counter(packet.source for packet in packets)
+    def take_inbox(self, node: str, step: int, inbox: Sequence[Packet]) -> None:
+        """Keep what arrived at one of the ``receivers`` of the sensors in their own step."""
+        packets = [packet for packet in inbox if packet.kind != ORACLE]
+        arrived = Counter([packet.source for packet in packets])
         for packet in packets:
             link = self._links.get((packet.source, node))
-            usable = packet.sent_step == message.step and arrived[packet.source] == 1
+            usable = packet.sent_step == step and arrived[packet.source] == 1
             if link is not None and usable and self._gates[node].admits(packet):
-                self._received[link, message.step] = packet.values.tolist()
+                self._received[link, step] = packet.values
 
-    def take_events(self, message: ChannelEvents) -> None:
+    def take_events(self, message: ChannelEvents | Happened) -> None:
         """Keep which packets were attacked; a sensor numbers its packets by their steps."""
         acts = zip(message.event_link, message.event_sequence, message.event_action, strict=True)
         for name, sequence, action in acts:
             if action == "attacked" and sequence == message.step:
                 self._attacked.add((self._numbers.get(name, -1), message.step))
 
-    def take_estimate(self, node: str, message: Estimate) -> None:
+    def take_estimate(self, node: str, message: Estimate | Published) -> None:
         """Keep what an estimate says of attacks on the estimator's sensors."""
         if node not in self._heard or not message.diagnostic_name:
             return
@@ -98,7 +97,7 @@ class FalseDataListener:
             received = self._received[place]
             if step < from_step or sent is None or not len(sent) == len(received) == len(value):
                 continue
-            error = np.array(value) - (np.array(received) - np.array(sent))
+            error = np.array(value) - (received - sent)
             errors.setdefault(link, []).append(float(error.dot(error)))
             if len(variance) == len(value) and min(variance) > 0.0:
                 figures.setdefault(link, []).append(float((error * error / np.array(variance)).mean()))

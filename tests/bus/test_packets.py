@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus.messages import Inbox, Transmission, decoder, encode
-from bus.packets import Packet, inbox, packets_of_inbox, packets_of_transmission, transmission
+from bus.packets import (
+    Delivery,
+    Packet,
+    Sending,
+    inbox,
+    packets_of_inbox,
+    packets_of_transmission,
+    transmission,
+)
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 payloads = st.lists(finite, max_size=6).map(lambda values: np.array(values, dtype=np.float64))
@@ -34,6 +42,21 @@ def test_a_transmission_carries_one_payload(values: np.ndarray) -> None:
     message = decoder(Transmission).decode(encode(transmission(3, 0.15, 0, 3, values.tolist())))
     (packet,) = packets_of_transmission(message, "s1", "measurement")
     assert same(packet, Packet("s1", 3, 3, "measurement", values))
+
+
+@given(st.lists(payloads, max_size=1), st.sampled_from([-1, 7]))
+def test_a_form_and_its_message_tell_the_same_packets(values: list[np.ndarray], check: int) -> None:
+    packets = [Packet("s1", 3, 3, "measurement", own, check) for own in values]
+    sending, delivered = Sending(3, 0.15, 0, packets), Delivery(3, 0.15, 0, packets, untouched=True)
+    sent = decoder(Transmission).decode(encode(sending.message()))
+    arrived = decoder(Inbox).decode(encode(delivered.message()))
+    for told, form in (
+        (packets_of_transmission(sent, "s1", "measurement"), sending.packets),
+        (packets_of_inbox(arrived), delivered.packets),
+    ):
+        assert [packet.check for packet in told] == [packet.check for packet in form]
+        assert len(told) == len(form)
+        assert all(map(same, told, form))
 
 
 def test_a_quiet_slot_holds_no_packet() -> None:

@@ -201,9 +201,10 @@ def carry(case: Case, order: Sequence[str]) -> tuple[dict[tuple[str, int, int], 
     inboxes, accounts = {}, []
     for name in order:
         _, step, round_ = slot = waiting[name].pop(0)
-        for receiver, packets in network.transmit(name, step, round_, case.sent[slot]):
+        for receiver, packets, _ in network.transmit(name, step, round_, case.sent[slot]):
             inboxes[receiver, step, round_] = encode(inbox(step, 0.0, round_, packets))
-        account = network.take_events(step, round_)
+        happened = network.take_events(step, round_)
+        account = happened and happened.message()
         if account is not None:
             accounts.append(account)
     return inboxes, sorted(accounts, key=lambda account: (account.step, account.round))

@@ -68,10 +68,12 @@ def played(plan: Plan, quiet: Sequence[int] = ()) -> tuple[dict[str, Noted], dic
     for step in range(STEPS):
         for source in network.sources:
             genuine = Packet(source, step, step, keys.MEASUREMENT, np.array([1.0 + step, 2.0]))
-            for receiver, packets in network.transmit(source, step, 0, [] if step in quiet else [genuine]):
+            sent = [] if step in quiet else [genuine]
+            for receiver, packets, _ in network.transmit(source, step, 0, sent):
                 rows = arrived.setdefault(receiver, [])
                 rows += [(p.source, p.sent_step, p.sequence, p.values.tolist()) for p in packets]
-        account = network.take_events(step, 0)
+        happened = network.take_events(step, 0)
+        account = happened and happened.message()
         assert account is not None
         columns = (account.event_link, account.event_stage, account.event_action, account.event_magnitude)
         for link, stage, action, magnitude in zip(*columns, strict=True):
@@ -134,7 +136,8 @@ def test_removing_an_attack_leaves_the_occurrence_of_all_others_as_it_was(remove
             for source in network.sources:
                 genuine = Packet(source, step, step, keys.MEASUREMENT, np.array([1.0 + step, 2.0]))
                 network.transmit(source, step, 0, [genuine])
-            account = network.take_events(step, 0)
+            happened = network.take_events(step, 0)
+            account = happened and happened.message()
             assert account is not None
             for stage, action, size in zip(
                 account.event_stage, account.event_action, account.event_magnitude, strict=True

@@ -98,12 +98,13 @@ def carry(plan: Plan, sent: Mapping[Slot, Sequence[Packet]], order: Sequence[str
     accounts = {}
     for name in order:
         _, step, round_ = slot = waiting[name].pop(0)
-        for receiver, packets in network.transmit(name, step, round_, sent[slot]):
+        for receiver, packets, _ in network.transmit(name, step, round_, sent[slot]):
             assert (receiver, step, round_) not in inboxes, "an inbox is complete once"
             inboxes[receiver, step, round_] = [
                 (packet.source, packet.sequence, tuple(packet.values.tolist())) for packet in packets
             ]
-        account = network.take_events(step, round_)
+        happened = network.take_events(step, round_)
+        account = happened and happened.message()
         if account is not None:
             assert (account.step, account.round) == (step, round_)
             accounts[step, round_] = account
@@ -267,6 +268,26 @@ def test_stages_act_in_their_order_on_the_link() -> None:
     assert (attack_first.accounts[0, 0].attacked, attack_first.accounts[0, 0].lost) == ([1], [1])
     loss_first = carry(plan_of(edges, [loss, bias]), steady("a", 1), ["a"])
     assert actions(loss_first) == [(0, "loss", "lost")]
+
+
+def test_an_inbox_is_untouched_unless_it_holds_what_a_stage_made() -> None:
+    edges = [("a", "z"), ("b", "z")]
+    loss = stage("loss", Kind(BERNOULLI, {"loss": 1.0}), [("a", "z")], first=1, last=2)
+    bias = stage("bias", Kind(BIAS, {"value": 1.0}), [("b", "z")], first=2, last=3)
+    network = build_network(plan_of(edges, [loss, bias]), keys.EXCHANGE)
+    found = []
+    for step in range(5):
+        for name in "ab":
+            packet = Packet(name, step, step, keys.EXCHANGE, np.zeros(2))
+            found += network.transmit(name, step, 0, [packet])
+    told = [([packet.source for packet in packets], untouched) for _, packets, untouched in found]
+    assert told == [
+        (["a", "b"], True),
+        (["b"], True),
+        (["b"], False),
+        (["a", "b"], False),
+        (["a", "b"], True),
+    ]
 
 
 def test_a_packet_that_two_stages_falsify_is_one_attacked_packet() -> None:

@@ -62,10 +62,10 @@ def passed(
     inboxes: dict[str, list[Packet]] = {}
     for source in order:
         packet = Packet(source, step, step, keys.MEASUREMENT, np.array([1.0, 2.0]))
-        inboxes.update(network.transmit(source, step, 0, [packet]))
+        inboxes.update({to: arrived for to, arrived, _ in network.transmit(source, step, 0, [packet])})
     events = network.take_events(step, 0)
     assert events is not None
-    return inboxes, events
+    return inboxes, events.message()
 
 
 def words(packets: Sequence[Packet]) -> dict[str, list[float]]:
@@ -117,7 +117,7 @@ def test_outside_the_window_and_of_a_silent_sensor_there_is_nothing_to_tell() ->
     assert told[3]["s1"] == [0.0, 0.0], "gamma begins with the window"
     silent = build_network(plan_of(stage("bias", CONVERGING)), keys.MEASUREMENT)
     inboxes = [entry for source in ("s1", "s2") for entry in silent.transmit(source, 0, 0, [])]
-    assert inboxes == [("e1", []), ("e2", [])]
+    assert inboxes == [("e1", [], True), ("e2", [], True)]
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from bus import keys
+from bus.inprocess import CarryingBus
 from bus.messages import Estimate, Message, encode
 from bus.packets import ORACLE, Packet, inbox
 from bus.plan import EstimatorPlan, Kind, Plan, PlantPlan
 from bus.program import NodeError, run_alone
 from nodes.contract import Belief, Detection
 from nodes.estimator_program import estimator_program
+from nodes.published import Published
 
 
 class Scripted:
@@ -67,6 +69,30 @@ def test_a_belief_is_published_with_numbers_that_json_knows() -> None:
     assert (first.sigma, first.covariance_shape) == ([2.0, 3.0], [2, 2])
     assert b'"detector_alarm":[true]' in encode(first)
     assert b'"diagnostic_value":[0.25]' in encode(first)
+
+
+class Reusing(Scripted):
+    """An estimator that writes each belief over the one before."""
+
+    def estimate(self, step: int) -> Belief:
+        self._belief.state[:] = step
+        self._belief.covariance[:] = step * np.eye(2)
+        self._belief.diagnostics["gain"] = float(step)  # type: ignore[index]
+        return self._belief
+
+
+def test_what_is_carried_stays_when_an_estimator_reuses_its_arrays() -> None:
+    kept: list[Published] = []
+    own = EstimatorPlan("e1", Kind("unused:Unused"), ("s1",), {}, 0)
+    plan = Plan("p", 0, 0, 3, 0.1, PlantPlan("plant", Kind("unused:Unused")), (), (own,), (), ())
+    bus = CarryingBus(lambda topic, message: None, lambda topic: kept.append, ())
+    estimator = Reusing(Belief(np.zeros(2), np.eye(2), diagnostics={}))
+    bus.add(estimator_program(bus, plan, own, estimator, 2, 16), [keys.rx("e1", keys.CORRECT)])
+    for step in range(3):
+        bus.send(keys.rx("e1", keys.CORRECT), inbox(step, 0.1 * step, 0, ()))
+    bus.run()
+    assert [form.message() for form in kept] == play(Reusing(Belief(np.zeros(2), np.eye(2), diagnostics={})))
+    assert [form.state.tolist() for form in kept] == [[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

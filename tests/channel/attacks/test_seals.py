@@ -62,9 +62,10 @@ def run(kind: str, integrity: str | None, holds_keys: bool) -> tuple[list[Channe
             seal = seal_of(plan, name)
             if seal is not None:
                 genuine = replace_check(genuine, seal(genuine))
-            for _, packets in network.transmit(name, step, 0, [genuine]):
+            for _, packets, _ in network.transmit(name, step, 0, [genuine]):
                 arrived += packets
-        account = network.take_events(step, 0)
+        happened = network.take_events(step, 0)
+        account = happened and happened.message()
         assert account is not None
         accounts.append(account)
     return accounts, arrived
