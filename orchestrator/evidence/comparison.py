@@ -182,10 +182,24 @@ def _verdict(
 
 
 def remarks(comparison: Comparison) -> Iterator[str]:
-    """Yield what a reader must know of the samples: failed, infinite and left-out trials."""
+    """Yield what a reader must know of the contenders and of their samples."""
+    for contender in comparison.contenders:
+        yield from _remarks_on_rows(contender)
     for metric, samples in zip(comparison.metrics, comparison.samples, strict=True):
         for contender, own in zip(comparison.contenders, samples, strict=True):
             yield from _remarks(contender.name, metric, own)
+
+
+def _remarks_on_rows(contender: Contender) -> Iterator[str]:
+    """Yield what the figures must not be taken for."""
+    rows = contender.rows
+    for node, attacks in rows.privileged.items():
+        yield f"{contender.name}: an oracle tells {node} of {attacks}, which no honest estimator knows"
+    if rows.incomplete:
+        yield (
+            f"{contender.name}: the record of {rows.incomplete} of {rows.trials} trials is incomplete; "
+            "figures are those of what is there"
+        )
 
 
 def _remarks(name: str, metric: str, own: Sample) -> Iterator[str]:

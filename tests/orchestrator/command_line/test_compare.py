@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from orchestrator.campaign.sweep import Request, prepare, sweep
-from tests.orchestrator.command_line.conftest import SMALL, Command
+from tests.orchestrator.command_line.conftest import ROOT, SMALL, Command
 
 TRIALS = 10
 
@@ -48,6 +48,32 @@ def test_variants_of_one_campaign_are_compared_and_the_better_is_named(
     assert "p = 0.002" in said
     assert "10 common trials" in said
     assert "median rmse.position" in said
+
+
+def test_whom_an_oracle_tells_is_marked_wherever_estimators_stand_side_by_side(
+    gauntlet: Command, tmp_path: Path
+) -> None:
+    file = ROOT / "topologies/sadeghzadeh2022/noisy_sensor.yaml"
+    shown = gauntlet("sweep", file, "--trials", 1, "--set", "steps=30", "--out", tmp_path / "out", "-j", 1)
+    assert shown.code == 0, shown.err
+    for told in (shown.out, gauntlet("compare", tmp_path / "out", "--by", "node").out):
+        marked = {name for name in ("clean", "rederived", "tracking") if f"{name} " in told}
+        assert marked == {"clean", "rederived", "tracking"}
+        assert "rederived particle_fdi PRIVILEGED" in told or "rederived PRIVILEGED" in told
+        assert "tracking particle_fdi PRIVILEGED" not in told
+        assert "tracking PRIVILEGED" not in told
+
+
+def test_a_sweep_and_a_comparison_put_estimators_together_alike(gauntlet: Command, tmp_path: Path) -> None:
+    file = tmp_path / "seven.yaml"
+    file.write_text(
+        SMALL.replace("s1..s3", "s1..s7").replace("e1..e3", "e1..e7").replace("nodes: 3", "nodes: 7")
+    )
+    out = tmp_path / "out"
+    swept = gauntlet("sweep", file, "--trials", 3, "--out", out, "-j", 1, "--json").json()
+    ((_, figures),) = swept["variants"][0]["estimators"].items()
+    compared = gauntlet("compare", out, out, "--metric", "rmse.position", "--json").json()
+    assert figures["rmse.position"]["median"] == compared["samples"][0]["median"]
 
 
 def test_programs_get_every_number(gauntlet: Command, swept: Path, tmp_path: Path) -> None:

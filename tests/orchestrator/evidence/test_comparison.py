@@ -106,6 +106,28 @@ def test_undefined_trials_are_left_out_and_told() -> None:
     assert nothing.compared[2].p_adjusted == nothing.compared[2].difference.p_value  # the only one judged
 
 
+def test_whom_an_oracle_tells_and_whose_record_is_cut_off_is_said() -> None:
+    whole, told = table(TRIALS, "rmse.state"), table(0.5 * TRIALS, "rmse.state")
+    told = told.append_column("privileged", pa.array(["bias"] * 30))
+    told = told.append_column("complete", pa.array([False] * 2 + [True] * 28))
+    found = compare([Contender("A", "A", select(whole)), Contender("B", "B", select(told))], ["rmse.state"])
+    notes = [line for line in lines(found) if line.startswith("Note")]
+    assert notes == [
+        "Note: B: an oracle tells e1 of bias, which no honest estimator knows.",
+        "Note: B: the record of 2 of 30 trials is incomplete; figures are those of what is there.",
+    ]
+
+
+def test_it_is_told_for_whom_a_metric_is_undefined() -> None:
+    found = compared({"A": TRIALS, "B": np.full(30, np.nan)})
+    assert lines(found)[0] == "rmse.position is undefined for B."
+
+
+def test_trials_too_few_for_an_interval_have_none() -> None:
+    found = compared({"A": TRIALS[:3], "B": 2.0 * TRIALS[:3]})
+    assert "(no 95% interval from so few trials" in sentence(found.compared[0], found)
+
+
 def test_trials_of_other_numbers_are_compared_unpaired_and_said_so() -> None:
     one = Contender("A", "A", select(table(TRIALS, "rmse.state")))
     other = Contender("B", "B", select(table(3.0 * TRIALS, "rmse.state", first_trial=100)))
