@@ -64,6 +64,8 @@ class Compared:
         How many pairs (or trials of each) could come to a verdict at all; None where there are enough.
     verdict
         What follows.
+    within_margin
+        Whether the whole interval is within the margin, so that a difference is too small to matter.
     """
 
     metric: str
@@ -74,6 +76,7 @@ class Compared:
     relative: float
     trials_needed: int | None
     verdict: Verdict
+    within_margin: bool
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,12 @@ def _compared(
         verdict = _verdict(meaning_of(metric).better, difference, is_significant, scale * margin, needed)
     else:
         needed, verdict = None, Verdict.UNDEFINED
-    return Compared(metric, first, second, difference, p, difference.shift.value / scale, needed, verdict)
+    relative, within = difference.shift.value / scale, _is_within(difference, scale * margin)
+    return Compared(metric, first, second, difference, p, relative, needed, verdict, within)
+
+
+def _is_within(difference: Difference, reach: float) -> bool:
+    return -reach <= difference.shift.low and difference.shift.high <= reach
 
 
 def _needed(difference: Difference, level: float) -> int | None:
@@ -166,7 +174,6 @@ def _needed(difference: Difference, level: float) -> int | None:
 def _verdict(
     better: Better, difference: Difference, is_significant: bool, equal_within: float, needed: int | None
 ) -> Verdict:
-    shift = difference.shift
     if difference.identical:
         return Verdict.IDENTICAL
     if is_significant:
@@ -176,7 +183,7 @@ def _verdict(
         return Verdict.FIRST if is_less != (better is Better.MORE) else Verdict.SECOND
     if needed is not None:
         return Verdict.TOO_FEW
-    if -equal_within <= shift.low and shift.high <= equal_within:
+    if _is_within(difference, equal_within):
         return Verdict.EQUAL
     return Verdict.UNDECIDED
 

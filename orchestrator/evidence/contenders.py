@@ -99,6 +99,10 @@ def _contenders(
         _refuse_several(source, variants, f"with --by {by}")
         (variant,) = variants
         names = dict.fromkeys(str(name) for name in table.column(by).to_pylist() if name)
+        if not names:
+            raise ContenderError(
+                f"{source.path} cannot be taken apart by {by}: none of its trials was scored"
+            )
         rows = [
             (name, select(table, variant=variant, **{"nodes" if by == "node" else "methods": [name]}))
             for name in names

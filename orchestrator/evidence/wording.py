@@ -41,10 +41,10 @@ def sentence(own: Compared, comparison: Comparison) -> str:
     names = {Verdict.FIRST: (own.first, own.second), Verdict.SECOND: (own.second, own.first)}
     if own.verdict in names:
         winner, loser = names[own.verdict]
-        head = f"{winner} is better than {loser} in {own.metric}"
+        head = f"{winner} is better than {loser} in {own.metric}{_little(own, comparison)}"
     elif own.verdict in (Verdict.LOWER, Verdict.HIGHER):
         word = "lower" if own.verdict is Verdict.LOWER else "higher"
-        head = f"{own.metric} is {word} with {own.first} than with {own.second}"
+        head = f"{own.metric} is {word} with {own.first} than with {own.second}{_little(own, comparison)}"
     elif own.verdict is Verdict.IDENTICAL:
         return (
             f"{own.first} and {own.second} are identical in {own.metric}: "
@@ -60,6 +60,11 @@ def sentence(own: Compared, comparison: Comparison) -> str:
     else:
         head = f"No difference between {own.first} and {own.second} in {own.metric} is shown"
     return f"{head}: {_numbers(own, comparison)}. {_practice(own)}"
+
+
+def _little(own: Compared, comparison: Comparison) -> str:
+    """Return the warning of a sure difference that is too small to matter."""
+    return f", but by no more than {comparison.margin:.0%}" if own.within_margin else ""
 
 
 def _few(own: Compared) -> str:

@@ -69,6 +69,8 @@ def _words(found: Comparison) -> list[Text]:
 def _verdict(own: Compared) -> Mark:
     tones = {Verdict.FIRST: "good", Verdict.SECOND: "good", Verdict.EQUAL: "plain"}
     names = {Verdict.FIRST: f"{own.first} is better", Verdict.SECOND: f"{own.second} is better"}
+    if own.verdict in names and own.within_margin:
+        return Mark(f"{names[own.verdict]}, hardly", "plain")
     return Mark(names.get(own.verdict, own.verdict.value), tones.get(own.verdict, "plain"))
 
 

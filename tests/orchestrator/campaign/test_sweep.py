@@ -171,6 +171,18 @@ def test_a_changed_topology_or_version_is_refused_with_what_has_changed(home: Ho
         home.sweep("out", 2)
 
 
+def test_damaged_results_are_told_with_a_cure_that_works(home: Home) -> None:
+    out, _ = home.sweep("out", 2)
+    results = out / "results.parquet"
+    whole = results.read_bytes()
+    results.write_bytes(whole[:500])
+    with pytest.raises(InputError, match=r"results.parquet is damaged; remove it"):
+        home.sweep("out", 2)
+    results.unlink()
+    home.sweep("out", 2)
+    assert results.read_bytes() == whole
+
+
 def test_a_directory_with_something_else_is_refused(home: Home) -> None:
     (home.folder / "full").mkdir()
     (home.folder / "full" / "thesis.tex").write_text("")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,16 @@ from orchestrator.campaign.sweep import Request, prepare, sweep
 from tests.orchestrator.command_line.conftest import ROOT, SMALL, Command
 
 TRIALS = 10
+FAILING = """
+    def __init__(self, setting): ...
+
+    def correct(self, step, packets):
+        raise ValueError("not today")
+
+    def exchange(self, step, round_, packets): ...
+
+    def estimate(self, step): ...
+"""
 
 
 class Silent:
@@ -139,3 +150,41 @@ def test_what_cannot_be_compared_is_bad_input_with_its_cure(
     assert answer.code == 2
     assert cure in answer.err
     assert "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize(
+    ("file", "command"),
+    [
+        ("results.parquet", "compare"),
+        ("campaign.json", "compare"),
+        ("results.parquet", "report"),
+        ("topologies/variant-000.yaml", "report"),
+    ],
+)
+def test_a_damaged_campaign_is_told_with_the_cure_and_no_traceback(
+    gauntlet: Command, calm: Path, tmp_path: Path, file: str, command: str
+) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(calm, damaged)
+    if file.startswith("topologies"):
+        (damaged / file).unlink()
+    else:
+        (damaged / file).write_bytes((damaged / file).read_bytes()[:200])
+    answer = gauntlet(command, damaged)
+    assert answer.code == 2
+    assert answer.err.startswith(f"gauntlet: {damaged}")
+    assert "give its 'gauntlet sweep' again with another --out" in answer.err
+
+
+def test_a_campaign_of_failed_trials_cannot_be_taken_apart_and_says_why(
+    gauntlet: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "failing.py").write_text("class Failing:\n    rounds = 0\n\n" + FAILING)
+    (tmp_path / "small.yaml").write_text(SMALL)
+    out = tmp_path / "out"
+    failing = f"estimators.e1.method={tmp_path / 'failing.py'}:Failing"
+    swept = gauntlet("sweep", tmp_path / "small.yaml", "--trials", 2, "--set", failing, "--out", out)
+    assert swept.code == 3
+    answer = gauntlet("compare", out, "--by", "node")
+    assert answer.code == 2
+    assert f"{out} cannot be taken apart by node: none of its trials was scored" in answer.err

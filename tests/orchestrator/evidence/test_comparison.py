@@ -147,6 +147,18 @@ def test_a_sentence_tells_the_numbers() -> None:
     assert "matched-pairs rank biserial -1.00, A lower in 30 and higher in 0 of 30 common trials" in said
 
 
+def test_a_sure_difference_that_is_too_small_to_matter_is_said_to_be_so() -> None:
+    found = compared({"A": 0.99 * TRIALS, "B": TRIALS})
+    assert found.compared[0].verdict is Verdict.FIRST
+    assert sentence(found.compared[0], found).startswith(
+        "A is better than B in rmse.position, but by no more than 5%: median difference"
+    )
+    strict = compared({"A": 0.99 * TRIALS, "B": TRIALS}, margin=0.001)
+    assert sentence(strict.compared[0], strict).startswith("A is better than B in rmse.position: median")
+    packets = compared({"A": 0.99 * TRIALS, "B": TRIALS}, "packets.sent")
+    assert "packets.sent is lower with A than with B, but by no more than 5%" in lines(packets)[0]
+
+
 def test_programs_get_the_same_as_people() -> None:
     diverging = TRIALS.copy()
     diverging[:25] = np.inf
