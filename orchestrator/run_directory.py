@@ -19,6 +19,18 @@ class RunDirectoryError(InputError):
     """The directory cannot be used; the message tells the cure."""
 
 
+def log_in(path: Path) -> Path:
+    """Return the log that a path leads to: the file itself, or the log in the directory of a run.
+
+    Raises `RunDirectoryError` for a directory without one.
+    """
+    if not path.is_dir():
+        return path
+    if not (path / LOG).is_file():
+        raise RunDirectoryError(f"{path} holds no {LOG}; give a log, or the directory of a run")
+    return path / LOG
+
+
 def make_run_directory(out: Path | None, name: str, seed: int, parent: Path = Path("runs")) -> Path:
     """Make and return the directory of a new run, with its folder for the nodes' logs.
 

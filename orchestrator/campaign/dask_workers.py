@@ -60,11 +60,14 @@ class DaskWorkers:
     def __enter__(self) -> DaskWorkers:
         try:
             from distributed import Client
+            from distributed.comm import parse_address
+            from distributed.comm.addressing import parse_host_port
         except ImportError as error:
             raise MissingPackageError(
                 "--dask needs Dask; install it with: pip install 'gauntlet[cluster]'"
             ) from error
         try:
+            parse_host_port(parse_address(self._address)[1])  # a client without a port takes long to be gone
             client = Client(self._address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from orchestrator.campaign.block import TIMING, TIMING_COLUMNS
 from orchestrator.campaign.directory import TIMING as TIMING_FILE
-from orchestrator.campaign.directory import Shard, in_one_stroke
+from orchestrator.campaign.directory import CampaignError, Shard, in_one_stroke
 from orchestrator.evidence.sources import RESULTS
 
 if TYPE_CHECKING:
@@ -33,11 +33,17 @@ def finished_trials(directory: Path, shards: Iterable[Shard]) -> set[Trial]:
 
 
 def _trials_in_results(results: Path) -> set[Trial]:
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
     if not results.exists():
         return set()
-    keys = pq.read_table(results, columns=list(_KEYS))
+    try:
+        keys = pq.read_table(results, columns=list(_KEYS))
+    except (pa.ArrowException, OSError) as error:
+        raise CampaignError(
+            f"{results} is damaged; remove it, so that its trials are run again, or choose another --out"
+        ) from error
     return set(zip(*(keys[name].to_pylist() for name in _KEYS), strict=True))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.evidence.rows import SCORED
+from orchestrator.evidence.samples import together
 from orchestrator.evidence.sources import RESULTS
 from orchestrator.evidence.table import SWEPT
 
@@ -51,7 +52,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Line:
-    """One line: a variant, and in it an estimator or all of one method, each trial by their mean."""
+    """One line: a variant, and in it an estimator or all of one method, together as in a comparison."""
 
     variant: int
     who: str
@@ -137,7 +138,7 @@ def summarise(directory: Path) -> Summary:
     own = [group for group in groups if group != "state"]
     shown = own if 0 < len(own) <= _GROUPS_SHOWN else ["state"]
     wanted = [*(f"rmse.{group}" for group in shown), *_FIGURES]
-    keys = ["variant", "trial", "node", "method", "status", "message", "passed"]
+    keys = ["variant", "trial", "node", "method", "privileged", "status", "message", "passed"]
     held = file.read([*keys, *wanted, *(name for name in names if name.startswith(SWEPT))])
     lines = tuple(_lines(held, wanted))
     metrics = tuple(name for name in wanted if any(name in line.figures for line in lines))
@@ -175,24 +176,24 @@ def _lines(held: pa.Table, metrics: Sequence[str]) -> Iterator[Line]:
         here = variants == variant
         for name in dict.fromkeys(who[here].tolist()):
             mine = here & (who == name)
-            means = {metric: _means(values[metric][mine], trials[mine]) for metric in metrics}
-            figures = {metric: median_interval(found) for metric, found in means.items() if found.size}
+            places = np.unique(trials[mine], return_inverse=True)[1]
+            found = {
+                metric: together(metric, values[metric][mine], places, places.max() + 1) for metric in metrics
+            }
+            known = {metric: own[~np.isnan(own)] for metric, own in found.items()}
+            figures = {metric: median_interval(own) for metric, own in known.items() if own.size}
             yield Line(int(variant), name, figures)
 
 
 def _who(held: pa.Table) -> NDArray[np.str_]:
-    """Return what each row counts for: its node when there are few, else its method."""
+    """Return what each row counts for: its node when there are few, else its method.
+
+    Those that an oracle tells of attacks are marked, and apart from the others of their method.
+    """
     nodes, methods = (np.array(held[name].to_pylist(), dtype=str) for name in ("node", "method"))
+    is_privileged = np.array([bool(told) for told in held["privileged"].to_pylist()], dtype=bool)
+    methods = np.where(is_privileged, np.char.add(methods, " PRIVILEGED"), methods)
     if np.unique(nodes).size <= _NODES_SHOWN:
         return np.char.add(np.char.add(nodes, " "), methods)
     sizes = {method: np.unique(nodes[methods == method]).size for method in np.unique(methods).tolist()}
     return np.array([f"{method} ({sizes[method]})" for method in methods.tolist()], dtype=str)
-
-
-def _means(values: NDArray[np.float64], trials: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return the mean of each trial's values, of those that are defined."""
-    known = ~np.isnan(values)
-    _, place = np.unique(trials[known], return_inverse=True)
-    if not place.size:
-        return np.zeros(0)
-    return np.bincount(place, weights=values[known]) / np.bincount(place)

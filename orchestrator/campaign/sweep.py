@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 TRIAL_TIMEOUT_S = 3600.0
-_FORMAT = 1
+_FORMAT = 2
 
 
 @dataclass(frozen=True)

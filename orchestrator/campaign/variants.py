@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -39,22 +39,32 @@ def load_variants(
     Raises
     ------
     InputError
-        With everything that is wrong with any of them, each problem once.
+        With everything that is wrong with any of them, each problem once, and with which variants.
     """
     loaded: list[LoadedVariant] = []
-    problems: dict[Problem, None] = {}
+    problems: dict[Problem, list[Variant]] = {}
     for variant in variants:
         try:
             topology = load_topology(file, variant.overrides, seed, first_trial)
         except TopologyError as error:
-            problems.update(dict.fromkeys(error.problems))
+            for problem in error.problems:
+                problems.setdefault(problem, []).append(variant)
             continue
         loaded.append(LoadedVariant(variant, topology))
     if problems:
-        raise TopologyError(problems)
+        raise TopologyError(_placed(problem, own, variants) for problem, own in problems.items())
     for own in loaded:
         _refuse_external(own.topology)
     return loaded
+
+
+def _placed(problem: Problem, having: Sequence[Variant], variants: Sequence[Variant]) -> Problem:
+    """Return a problem with the settings of the variants that have it, unless all do or its place tells."""
+    if not problem.line or len(having) == len(variants):
+        return problem
+    first, *others = (own.settings.items() for own in having)
+    shared = ", ".join(f"{path}={value}" for path, value in first if all((path, value) in o for o in others))
+    return replace(problem, message=f"{problem.message} (with {shared or having[0]})")
 
 
 def _refuse_external(topology: Topology) -> None:

@@ -27,6 +27,7 @@ from orchestrator.command_line.sweep import sweep
 from orchestrator.command_line.test import run_tests
 from orchestrator.errors import InputError
 from orchestrator.interrupts import Interrupted, raising_interrupts
+from orchestrator.run_directory import log_in
 
 if TYPE_CHECKING:
     from orchestrator.topology.resolved import Topology
@@ -138,7 +139,13 @@ def validate(
 @app.command()
 def score(
     log: Annotated[
-        Path, typer.Argument(metavar="LOG", help="A run's MCAP file, whole or cut off.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="LOG",
+            help="A run's MCAP file, whole or cut off, or its directory.",
+            show_default=False,
+            callback=log_in,
+        ),
     ],
     json: Json = False,
 ) -> None:

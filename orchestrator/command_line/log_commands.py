@@ -8,10 +8,16 @@ from typing import Annotated, Literal
 import typer
 
 from orchestrator.command_line.output import print_json
+from orchestrator.run_directory import log_in
 
 app = typer.Typer(help="Look into a log, mend a truncated one, hand its data on.", no_args_is_help=True)
 
-LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A run's MCAP file.", show_default=False)]
+LogFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="LOG", help="A run's MCAP file, or its directory.", show_default=False, callback=log_in
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")]
 
 

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 Key = tuple[int, int]
 """Seed and trial: what runs with common random numbers share."""
 
+PRIVILEGED, COMPLETE = "privileged", "complete"
+"""Columns that tell what figures must not be taken for."""
+
 
 class ColumnError(InputError):
     """A table does not hold what was asked for; the text names what it holds."""
@@ -46,6 +49,21 @@ class Rows:
     def steps(self) -> int:
         """The number of steps of a trial."""
         return int(self.series("nis_dof").shape[1])
+
+    @property
+    def privileged(self) -> dict[str, str]:
+        """The estimators that an oracle tells of attacks, and of which; an honest one is not among them."""
+        if PRIVILEGED not in self.table.column_names:
+            return {}
+        told = zip(self.text("node"), self.text(PRIVILEGED), strict=True)
+        return {node: attacks for node, attacks in told if attacks}
+
+    @property
+    def incomplete(self) -> int:
+        """The number of scored trials in whose record something is missing."""
+        if COMPLETE not in self.table.column_names:
+            return 0
+        return int(np.unique(self.trial[self.scalar(COMPLETE) == 0.0]).size)
 
     def scalar(self, name: str) -> Floats:
         """Return a column of numbers (R,), NaN where undefined."""

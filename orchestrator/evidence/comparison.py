@@ -64,6 +64,8 @@ class Compared:
         How many pairs (or trials of each) could come to a verdict at all; None where there are enough.
     verdict
         What follows.
+    within_margin
+        Whether the whole interval is within the margin, so that a difference is too small to matter.
     """
 
     metric: str
@@ -74,6 +76,7 @@ class Compared:
     relative: float
     trials_needed: int | None
     verdict: Verdict
+    within_margin: bool
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,12 @@ def _compared(
         verdict = _verdict(meaning_of(metric).better, difference, is_significant, scale * margin, needed)
     else:
         needed, verdict = None, Verdict.UNDEFINED
-    return Compared(metric, first, second, difference, p, difference.shift.value / scale, needed, verdict)
+    relative, within = difference.shift.value / scale, _is_within(difference, scale * margin)
+    return Compared(metric, first, second, difference, p, relative, needed, verdict, within)
+
+
+def _is_within(difference: Difference, reach: float) -> bool:
+    return -reach <= difference.shift.low and difference.shift.high <= reach
 
 
 def _needed(difference: Difference, level: float) -> int | None:
@@ -166,7 +174,6 @@ def _needed(difference: Difference, level: float) -> int | None:
 def _verdict(
     better: Better, difference: Difference, is_significant: bool, equal_within: float, needed: int | None
 ) -> Verdict:
-    shift = difference.shift
     if difference.identical:
         return Verdict.IDENTICAL
     if is_significant:
@@ -176,16 +183,30 @@ def _verdict(
         return Verdict.FIRST if is_less != (better is Better.MORE) else Verdict.SECOND
     if needed is not None:
         return Verdict.TOO_FEW
-    if -equal_within <= shift.low and shift.high <= equal_within:
+    if _is_within(difference, equal_within):
         return Verdict.EQUAL
     return Verdict.UNDECIDED
 
 
 def remarks(comparison: Comparison) -> Iterator[str]:
-    """Yield what a reader must know of the samples: failed, infinite and left-out trials."""
+    """Yield what a reader must know of the contenders and of their samples."""
+    for contender in comparison.contenders:
+        yield from _remarks_on_rows(contender)
     for metric, samples in zip(comparison.metrics, comparison.samples, strict=True):
         for contender, own in zip(comparison.contenders, samples, strict=True):
             yield from _remarks(contender.name, metric, own)
+
+
+def _remarks_on_rows(contender: Contender) -> Iterator[str]:
+    """Yield what the figures must not be taken for."""
+    rows = contender.rows
+    for node, attacks in rows.privileged.items():
+        yield f"{contender.name}: an oracle tells {node} of {attacks}, which no honest estimator knows"
+    if rows.incomplete:
+        yield (
+            f"{contender.name}: the record of {rows.incomplete} of {rows.trials} trials is incomplete; "
+            "figures are those of what is there"
+        )
 
 
 def _remarks(name: str, metric: str, own: Sample) -> Iterator[str]:

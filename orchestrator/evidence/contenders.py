@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from orchestrator.errors import InputError
-from orchestrator.evidence.columns import Rows, select
+from orchestrator.evidence.columns import COMPLETE, PRIVILEGED, Rows, select
 from orchestrator.evidence.metrics import is_measured_by_window
 from orchestrator.evidence.sources import Source, load_source
 from orchestrator.evidence.table import SWEPT
@@ -22,7 +22,7 @@ from orchestrator.topology.problems import did_you_mean
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_KEYS = ("variant", "trial", "seed", "node", "method", "status")
+_KEYS = ("variant", "trial", "seed", "node", "method", "status", PRIVILEGED, COMPLETE)
 
 
 class ContenderError(InputError):
@@ -99,11 +99,15 @@ def _contenders(
         _refuse_several(source, variants, f"with --by {by}")
         (variant,) = variants
         names = dict.fromkeys(str(name) for name in table.column(by).to_pylist() if name)
+        if not names:
+            raise ContenderError(
+                f"{source.path} cannot be taken apart by {by}: none of its trials was scored"
+            )
         rows = [
             (name, select(table, variant=variant, **{"nodes" if by == "node" else "methods": [name]}))
             for name in names
         ]
-        return [Contender(name, path, own) for name, own in rows]
+        return [Contender(_marked(name, own), path, own) for name, own in rows]
     if by is None:
         _refuse_several(source, variants, "as one contender")
         (variant,) = variants
@@ -194,6 +198,11 @@ def _variant_name(number: int, settings: dict[str, str]) -> str:
 
 def _source_name(source: Source, choice: str) -> str:
     return f"{source.name}#{choice}" if choice else source.name
+
+
+def _marked(name: str, rows: Rows) -> str:
+    """Return a name that says so where an oracle tells every estimator that it stands for of the attacks."""
+    return f"{name} PRIVILEGED" if set(rows.text("node")) <= set(rows.privileged) else name
 
 
 def _told_apart(found: Sequence[Contender]) -> list[Contender]:

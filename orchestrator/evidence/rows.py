@@ -66,6 +66,7 @@ def gathered_rows(topology: Topology, gathered: Gathered) -> list[Row]:
             "node": node.name,
             "method": node.method,
             "network": network,
+            "privileged": ", ".join(node.privileged),
             "divergence_step": node.divergence_step,
             **{name: values.get(node.name) for name, values in scalars.items()},
             **_series(plan, evidence, i),

@@ -14,14 +14,15 @@ import numpy as np
 from orchestrator.evidence.columns import Key, Rows
 from orchestrator.evidence.detectors import attack_windows
 from orchestrator.evidence.metrics import Better, is_measured_by_window, meaning_of
-from orchestrator.score.gather import Floats
+from orchestrator.score.gather import Floats, Ints
 
-_TOGETHER: Mapping[str, Callable[[Floats], float]] = {
-    "rms": lambda values: float(np.sqrt(np.mean(values**2))),
-    "sum": lambda values: float(np.sum(values)),
-    "max": lambda values: float(np.max(values)),
-    "mean": lambda values: float(np.mean(values)),
+_TOGETHER: Mapping[str, Callable[[Floats, Ints, Ints], Floats]] = {
+    "rms": lambda values, begins, sizes: np.sqrt(np.add.reduceat(values**2, begins) / sizes),
+    "sum": lambda values, begins, sizes: np.add.reduceat(values, begins),
+    "max": lambda values, begins, sizes: np.maximum.reduceat(values, begins),
+    "mean": lambda values, begins, sizes: np.add.reduceat(values, begins) / sizes,
 }
+"""What makes one value of several, given where those of each trial begin and how many they are."""
 
 
 @dataclass(frozen=True)
@@ -65,15 +66,20 @@ def sample(rows: Rows, metric: str) -> Sample:
 
 def by_trial(rows: Rows, metric: str) -> Floats:
     """Return a metric's value in each trial (T,), of all its rows together; NaN where undefined or failed."""
-    values = rows.scalar(metric)
+    return together(metric, rows.scalar(metric), rows.trial, rows.trials)
+
+
+def together(metric: str, values: Floats, trial: Ints, trials: int) -> Floats:
+    """Return a metric of each trial (T,) from its estimators' values (R,); NaN where none is known.
+
+    ``trial`` (R,) tells the trial of each value, below ``trials``.
+    """
     known = ~np.isnan(values)
-    together = _TOGETHER[meaning_of(metric).together]
-    order = np.argsort(rows.trial[known], kind="stable")
-    trials, begins = np.unique(rows.trial[known][order], return_index=True)
-    found = np.full(rows.trials, np.nan)
-    found[trials] = (
-        [together(part) for part in np.split(values[known][order], begins[1:])] if trials.size else []
-    )
+    order = np.argsort(trial[known], kind="stable")
+    present, begins, sizes = np.unique(trial[known][order], return_index=True, return_counts=True)
+    found = np.full(trials, np.nan)
+    if present.size:
+        found[present] = _TOGETHER[meaning_of(metric).together](values[known][order], begins, sizes)
     return found
 
 

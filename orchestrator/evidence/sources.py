@@ -83,8 +83,15 @@ class Source:
             return (read_log(self.path, check=False).topology["topology"],)
         from ruamel.yaml import YAML
 
+        files = sorted((self.path / TOPOLOGIES).glob("*.yaml"))
+        expected = len(self.provenance["variants"])
+        if len(files) != expected:
+            raise SourceError(
+                f"{self.path / TOPOLOGIES} holds {len(files)} of the campaign's {expected} topologies; "
+                "give its 'gauntlet sweep' again with another --out"
+            )
         reader = YAML(typ="safe", pure=True)
-        return tuple(reader.load(file) for file in sorted((self.path / TOPOLOGIES).glob("*.yaml")))
+        return tuple(map(reader.load, files))
 
 
 def load_source(path: Path | str) -> Source:
@@ -117,7 +124,18 @@ def _campaign(directory: Path) -> Source:
             f"{directory} is an unfinished campaign; "
             "give its 'gauntlet sweep' again, which goes on where it ended"
         )
-    facts = json.loads((directory / CAMPAIGN).read_bytes())
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        facts = json.loads((directory / CAMPAIGN).read_bytes())
+        pq.read_schema(directory / RESULTS)
+    except (ValueError, OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise SourceError(
+            f"{directory} is a damaged campaign ({reason}); "
+            "give its 'gauntlet sweep' again with another --out"
+        ) from error
     return Source("campaign", facts["name"], directory, facts)
 
 

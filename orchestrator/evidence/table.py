@@ -19,7 +19,7 @@ SWEPT = "set."
 
 _KEYS = (
     *(("variant", "int32"), ("trial", "int32"), ("seed", "int64"), ("node", "string"), ("method", "string")),
-    *(("network", "int32"), ("status", "string"), ("message", "string")),
+    *(("network", "int32"), ("privileged", "string"), ("status", "string"), ("message", "string")),
 )
 _LISTS = (
     *(("packet.step", "int32"), ("packet.link", "string"), ("packet.statistic", "float64")),

@@ -17,6 +17,8 @@ _SURE = ((0.1, "hardly any"), (0.3, "a weak"), (0.5, "a clear"), (math.inf, "a s
 
 def figure(value: float) -> str:
     """Return a number as people read it."""
+    if math.isnan(value):
+        return "-"
     if math.isinf(value):
         return "infinite" if value > 0 else "minus infinite"
     return f"{value:.3g}"
@@ -39,10 +41,10 @@ def sentence(own: Compared, comparison: Comparison) -> str:
     names = {Verdict.FIRST: (own.first, own.second), Verdict.SECOND: (own.second, own.first)}
     if own.verdict in names:
         winner, loser = names[own.verdict]
-        head = f"{winner} is better than {loser} in {own.metric}"
+        head = f"{winner} is better than {loser} in {own.metric}{_little(own, comparison)}"
     elif own.verdict in (Verdict.LOWER, Verdict.HIGHER):
         word = "lower" if own.verdict is Verdict.LOWER else "higher"
-        head = f"{own.metric} is {word} with {own.first} than with {own.second}"
+        head = f"{own.metric} is {word} with {own.first} than with {own.second}{_little(own, comparison)}"
     elif own.verdict is Verdict.IDENTICAL:
         return (
             f"{own.first} and {own.second} are identical in {own.metric}: "
@@ -51,12 +53,18 @@ def sentence(own: Compared, comparison: Comparison) -> str:
     elif own.verdict is Verdict.EQUAL:
         head = f"{own.first} and {own.second} are equal in {own.metric} within {comparison.margin:.0%}"
     elif own.verdict is Verdict.UNDEFINED:
-        return f"{own.metric} is undefined for {own.first} or {own.second}."
+        sizes = zip((own.first, own.second), own.difference.sizes, strict=True)
+        return f"{own.metric} is undefined for {' and '.join(name for name, size in sizes if not size)}."
     elif own.verdict is Verdict.TOO_FEW:
         return f"{_few(own)} Seen so far: {_numbers(own, comparison)}."
     else:
         head = f"No difference between {own.first} and {own.second} in {own.metric} is shown"
     return f"{head}: {_numbers(own, comparison)}. {_practice(own)}"
+
+
+def _little(own: Compared, comparison: Comparison) -> str:
+    """Return the warning of a sure difference that is too small to matter."""
+    return f", but by no more than {comparison.margin:.0%}" if own.within_margin else ""
 
 
 def _few(own: Compared) -> str:
@@ -79,9 +87,11 @@ def _numbers(own: Compared, comparison: Comparison) -> str:
     shift = own.difference.shift
     unit = " in |log ratio|" if meaning_of(own.metric).better is Better.ONE else ""
     relative = f", {own.relative:+.1%} of their mean" if math.isfinite(own.relative) else ""
+    interval = f"{comparison.confidence:.0%} interval {figure(shift.low)} to {figure(shift.high)}"
+    if own.difference.least_p > 1.0 - comparison.confidence:
+        interval = f"no {comparison.confidence:.0%} interval from so few trials"
     return (
-        f"median difference {figure(shift.value)}{unit} ({comparison.confidence:.0%} interval "
-        f"{figure(shift.low)} to {figure(shift.high)}{relative}), p {_p(own.p_adjusted)}, "
+        f"median difference {figure(shift.value)}{unit} ({interval}{relative}), p {_p(own.p_adjusted)}, "
         f"{own.difference.effect_name} {own.difference.effect:+.2f}, {_outcomes(own)}"
     )
 
@@ -90,7 +100,7 @@ def _outcomes(own: Compared) -> str:
     """Return how the trials fell."""
     counts = own.difference.counts
     if counts is None or not own.difference.sizes[0]:
-        return _trials(own.difference)
+        return "{} and {} trials, unpaired".format(*own.difference.sizes)
     less, same, more = counts
     ties = f", as large in {same}" if same else ""
     return f"{own.first} lower in {less}{ties} and higher in {more} of {_trials(own.difference)}"

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from orchestrator.evidence.comparison import Compared, Comparison, Verdict, compare
+from orchestrator.evidence.comparison import Compared, Comparison, Verdict, compare, remarks
 from orchestrator.evidence.contenders import Contender
 from orchestrator.evidence.price import find_twins, price
 from orchestrator.evidence.wording import figure, sentence
@@ -62,12 +62,15 @@ def _words(found: Comparison) -> list[Text]:
         )
     judged = len(found.compared) - sum(own.verdict is Verdict.UNDEFINED for own in found.compared)
     holm = f"p values are adjusted together for {judged} comparisons (Holm); each interval is for itself."
-    return [*told, Text(holm)]
+    notes = [Text(f"Note: {remark}.") for remark in dict.fromkeys(remarks(found))]
+    return [*told, Text(holm), *notes]
 
 
 def _verdict(own: Compared) -> Mark:
     tones = {Verdict.FIRST: "good", Verdict.SECOND: "good", Verdict.EQUAL: "plain"}
     names = {Verdict.FIRST: f"{own.first} is better", Verdict.SECOND: f"{own.second} is better"}
+    if own.verdict in names and own.within_margin:
+        return Mark(f"{names[own.verdict]}, hardly", "plain")
     return Mark(names.get(own.verdict, own.verdict.value), tones.get(own.verdict, "plain"))
 
 

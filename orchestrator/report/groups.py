@@ -228,12 +228,14 @@ def _judged(source: Source, notes: list[str]) -> pa.Table:
 def _parts(rows: Rows, document: Mapping[str, Any], by: By | None) -> dict[str, list[str]]:
     """Return the estimators of a variant that belong together, under a name for each."""
     method = dict(zip(rows.text("node"), rows.text("method"), strict=True))
+    privileged = rows.privileged
     if by == "node":
-        return {node: [node] for node in method}
+        return {f"{node} PRIVILEGED" if node in privileged else node: [node] for node in method}
     if by == "variant":
         return {"all estimators": list(method)}
     parts: dict[tuple[str, str], list[str]] = {}
-    for node, own in method.items():
+    for node, kind in method.items():
+        own = f"{kind} PRIVILEGED" if node in privileged else kind
         stated = (document.get("estimators") or {}).get(node) or {}
         differs = {key: value for key, value in stated.items() if key not in ("sensors", "weights")}
         key = own, "" if by == "method" else repr(sorted(differs.items(), key=lambda item: item[0]))

@@ -92,7 +92,7 @@ def verdict_table(score: Score) -> Table:
 
 
 def _remark(node: NodeScore, score: Score) -> str:
-    parts = []
+    parts = [f"PRIVILEGED: told of {', '.join(node.privileged)}"] if node.privileged else []
     if node.divergence_step is not None:
         parts.append(f"diverged at step {node.divergence_step}")
     if node.silent_from is not None:

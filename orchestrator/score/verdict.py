@@ -94,7 +94,11 @@ def _subject(score: Score) -> str:
         return f"the estimator {score.nodes[0].name}"
     if len(score.networks) == 1 and score.networks[0].disagreement is not None:
         return "the network"
-    return f"all {len(score.nodes)} estimators"
+    there = [node for node in score.nodes if node.silent_from is None] or score.nodes
+    other = "other " if len(there) < len(score.nodes) else ""
+    if len(there) == 1:
+        return f"the {other}estimator {there[0].name}"
+    return f"all {len(there)} {other}estimators"
 
 
 def _circumstance(score: Score) -> str:
@@ -141,6 +145,8 @@ def _fate(score: Score) -> str:
         parts.append(f"{_several(len(deaf), 'detector')} locked out for good{named}")
     if parts:
         return " and ".join(parts)
+    if all(node.groups["state"].rmse is None for node in score.nodes):
+        return "no estimate was scored"
     worst = excess(score)
     if worst is not None and worst.ratio > TRACKING_RATIO:
         where = "" if worst.group == "state" else f" in {worst.group}"

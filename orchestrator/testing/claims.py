@@ -181,21 +181,25 @@ def detects_within(
     told = [pair for pair in windows if _is_told(pair[1], pair[0].score, steps)]
     if not told:
         cut = f"; {len(windows)} were cut off by the run's end" if windows else ""
-        return Claim((f"no attack met a detector for {steps} steps{cut}",))
+        return Claim((f"no attack met a detector for {_steps(steps)}{cut}",))
     late = [pair for pair in told if pair[1].delay is None or pair[1].delay > steps]
     found = len(told) - len(late)
     if found >= share * len(told):
         return Claim(())
     line = (
-        f"{found} of {len(told)} attacks ({found / len(told):.3g}) were found within {steps} steps, "
+        f"{found} of {len(told)} attacks ({found / len(told):.3g}) were found within {_steps(steps)}, "
         f"expected a share of {share:g}"
     )
     late.sort(key=lambda pair: -(math.inf if pair[1].delay is None else pair[1].delay))
     blamed: dict[int, str] = {}
     for trial, window in late:
-        when = "never" if window.delay is None else f"after {window.delay} steps"
+        when = "never" if window.delay is None else f"after {_steps(window.delay)}"
         blamed.setdefault(trial.seed, f"{window.link} from step {window.first}: {when}")
     return Claim((line,), "found too late", tuple(blamed.items()))
+
+
+def _steps(number: int) -> str:
+    return "1 step" if number == 1 else f"{number} steps"
 
 
 def _is_told(window: AttackWindow, score: Score, steps: int) -> bool:

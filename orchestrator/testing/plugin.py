@@ -64,6 +64,10 @@ def topology(
 
         changes, here = tuple(overrides), request.path.parent
         loaded = load_topology(os.path.normpath(here / file), changes, directory=here)
+        if isinstance(seeds, int):
+            raise TypeError(
+                f"seeds={seeds} is a single number; give several, as in seeds=range({seeds or 20})"
+            )
         chosen = (loaded.plan.seed,) if seeds is None else tuple(seeds)
         key = (here, loaded.path, loaded.hash, chosen, changes, backend)
         if key not in _gauntlet_trials:

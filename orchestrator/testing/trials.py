@@ -130,6 +130,10 @@ class Trials:
         had passed tells nothing, and is left out.
         """
         __tracebackhide__ = True
+        if steps < 0 or not 0.0 < share <= 1.0:
+            raise ValueError(
+                f"steps={steps}, share={share:g}: give steps from 0, and a share above 0, up to 1"
+            )
         self._require(claims.detects_within(self.topology, self.trials, steps, share, link))
 
     def assert_metric(
@@ -202,6 +206,8 @@ def run_trials(
     __tracebackhide__ = True
     if not seeds:
         raise ValueError("there are no seeds to run; give at least one, as in seeds=range(20)")
+    if min(seeds) < 0:
+        raise ValueError(f"seed {min(seeds)} is negative; give whole numbers from 0")
 
     def write_log(seed: int) -> Path:
         return _run_with_log(topology.at(seed=seed), logs, "inprocess").directory / LOG

@@ -176,6 +176,9 @@ def read_document(path: Path, problems: Problems) -> Entry | None:
     except FileNotFoundError:
         problems.add(place, "", "there is no such file", _neighbouring_files(path))
         return None
+    except IsADirectoryError:
+        problems.add(place, "", "is a folder", "name a file in it; 'gauntlet test' takes folders")
+        return None
     except (OSError, UnicodeDecodeError) as error:
         problems.add(place, "", f"cannot be read: {error}", "give a UTF-8 text file")
         return None

@@ -72,7 +72,7 @@ def _check_laid(draft: Draft, graph: Graph | None, laid: LaidGraph, exchanging: 
                 ("estimators", name), f"{name} exchanges with neighbours, and there is no graph", cure
             )
         return
-    if not exchanging:
+    if graph.edges and not exchanging:
         draft.warn(("graph",), "no estimator exchanges with neighbours: the graph is not used", "take it out")
     for family in dict.fromkeys(split_number(name)[0] for name in exchanging):
         if family in laid.unfit:

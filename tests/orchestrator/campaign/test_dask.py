@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pyarrow.compute as pc
 import pytest
 
+from orchestrator import exit_codes
 from orchestrator.errors import InputError
 from tests.orchestrator.campaign.conftest import Home, table_of
 
@@ -55,6 +56,9 @@ def test_a_scheduler_that_does_not_answer_is_told_with_its_address(
         home.sweep("out", 1, dask="tcp://127.0.0.1:1")
 
 
-def test_an_address_that_is_none_is_told(home: Home) -> None:
-    with pytest.raises(InputError, match="no Dask scheduler answers at nonsense"):
-        home.sweep("out", 1, dask="nonsense://x")
+@pytest.mark.parametrize("address", ["nonsense", "nonsense://x", "tcp://localhost"])
+def test_an_address_that_is_none_is_told_at_once_and_in_one_message(home: Home, address: str) -> None:
+    told = home.command("sweep", "small.yaml", "--trials", "1", "--out", "out", "--dask", address)
+    assert told.returncode == exit_codes.BAD_INPUT
+    assert f"no Dask scheduler answers at {address}; start one with" in told.stderr
+    assert "Traceback" not in told.stderr

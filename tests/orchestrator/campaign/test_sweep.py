@@ -12,6 +12,7 @@ from pathlib import Path
 import pyarrow.compute as pc
 import pytest
 
+from orchestrator import exit_codes
 from orchestrator.campaign.directory import CampaignError
 from orchestrator.errors import InputError
 from orchestrator.evidence.rows import trial_rows
@@ -170,6 +171,18 @@ def test_a_changed_topology_or_version_is_refused_with_what_has_changed(home: Ho
         home.sweep("out", 2)
 
 
+def test_damaged_results_are_told_with_a_cure_that_works(home: Home) -> None:
+    out, _ = home.sweep("out", 2)
+    results = out / "results.parquet"
+    whole = results.read_bytes()
+    results.write_bytes(whole[:500])
+    with pytest.raises(InputError, match=r"results.parquet is damaged; remove it"):
+        home.sweep("out", 2)
+    results.unlink()
+    home.sweep("out", 2)
+    assert results.read_bytes() == whole
+
+
 def test_a_directory_with_something_else_is_refused(home: Home) -> None:
     (home.folder / "full").mkdir()
     (home.folder / "full" / "thesis.tex").write_text("")
@@ -213,6 +226,15 @@ def test_all_variants_are_checked_before_any_trial_and_all_errors_told_at_once(h
     assert "Absent" in done.stderr
     assert "failure" in done.stderr
     assert not (home.folder / "out").exists()
+
+
+def test_what_is_wrong_with_some_variants_only_is_told_with_their_settings(home: Home) -> None:
+    told = home.command(
+        *("sweep", "small.yaml", "--trials", "1", "--out", "out"),
+        *("--set", "channel...failure=0.1,0.2", "--set", "method=secure_distributed,kalman"),
+    )
+    assert told.returncode == exit_codes.BAD_INPUT
+    assert "there is no link e*->e* (with method=kalman)" in told.stderr
 
 
 def test_failed_trials_are_counted_with_their_reason_and_the_exit_code_tells(home: Home) -> None:

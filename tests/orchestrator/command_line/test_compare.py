@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 
 from orchestrator.campaign.sweep import Request, prepare, sweep
-from tests.orchestrator.command_line.conftest import SMALL, Command
+from tests.orchestrator.command_line.conftest import ROOT, SMALL, Command
 
 TRIALS = 10
+FAILING = """
+    def __init__(self, setting): ...
+
+    def correct(self, step, packets):
+        raise ValueError("not today")
+
+    def exchange(self, step, round_, packets): ...
+
+    def estimate(self, step): ...
+"""
 
 
 class Silent:
@@ -48,6 +59,32 @@ def test_variants_of_one_campaign_are_compared_and_the_better_is_named(
     assert "p = 0.002" in said
     assert "10 common trials" in said
     assert "median rmse.position" in said
+
+
+def test_whom_an_oracle_tells_is_marked_wherever_estimators_stand_side_by_side(
+    gauntlet: Command, tmp_path: Path
+) -> None:
+    file = ROOT / "topologies/sadeghzadeh2022/noisy_sensor.yaml"
+    shown = gauntlet("sweep", file, "--trials", 1, "--set", "steps=30", "--out", tmp_path / "out", "-j", 1)
+    assert shown.code == 0, shown.err
+    for told in (shown.out, gauntlet("compare", tmp_path / "out", "--by", "node").out):
+        marked = {name for name in ("clean", "rederived", "tracking") if f"{name} " in told}
+        assert marked == {"clean", "rederived", "tracking"}
+        assert "rederived particle_fdi PRIVILEGED" in told or "rederived PRIVILEGED" in told
+        assert "tracking particle_fdi PRIVILEGED" not in told
+        assert "tracking PRIVILEGED" not in told
+
+
+def test_a_sweep_and_a_comparison_put_estimators_together_alike(gauntlet: Command, tmp_path: Path) -> None:
+    file = tmp_path / "seven.yaml"
+    file.write_text(
+        SMALL.replace("s1..s3", "s1..s7").replace("e1..e3", "e1..e7").replace("nodes: 3", "nodes: 7")
+    )
+    out = tmp_path / "out"
+    swept = gauntlet("sweep", file, "--trials", 3, "--out", out, "-j", 1, "--json").json()
+    ((_, figures),) = swept["variants"][0]["estimators"].items()
+    compared = gauntlet("compare", out, out, "--metric", "rmse.position", "--json").json()
+    assert figures["rmse.position"]["median"] == compared["samples"][0]["median"]
 
 
 def test_programs_get_every_number(gauntlet: Command, swept: Path, tmp_path: Path) -> None:
@@ -113,3 +150,41 @@ def test_what_cannot_be_compared_is_bad_input_with_its_cure(
     assert answer.code == 2
     assert cure in answer.err
     assert "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize(
+    ("file", "command"),
+    [
+        ("results.parquet", "compare"),
+        ("campaign.json", "compare"),
+        ("results.parquet", "report"),
+        ("topologies/variant-000.yaml", "report"),
+    ],
+)
+def test_a_damaged_campaign_is_told_with_the_cure_and_no_traceback(
+    gauntlet: Command, calm: Path, tmp_path: Path, file: str, command: str
+) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(calm, damaged)
+    if file.startswith("topologies"):
+        (damaged / file).unlink()
+    else:
+        (damaged / file).write_bytes((damaged / file).read_bytes()[:200])
+    answer = gauntlet(command, damaged)
+    assert answer.code == 2
+    assert answer.err.startswith(f"gauntlet: {damaged}")
+    assert "give its 'gauntlet sweep' again with another --out" in answer.err
+
+
+def test_a_campaign_of_failed_trials_cannot_be_taken_apart_and_says_why(
+    gauntlet: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "failing.py").write_text("class Failing:\n    rounds = 0\n\n" + FAILING)
+    (tmp_path / "small.yaml").write_text(SMALL)
+    out = tmp_path / "out"
+    failing = f"estimators.e1.method={tmp_path / 'failing.py'}:Failing"
+    swept = gauntlet("sweep", tmp_path / "small.yaml", "--trials", 2, "--set", failing, "--out", out)
+    assert swept.code == 3
+    answer = gauntlet("compare", out, "--by", "node")
+    assert answer.code == 2
+    assert f"{out} cannot be taken apart by node: none of its trials was scored" in answer.err

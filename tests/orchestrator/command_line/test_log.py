@@ -34,6 +34,18 @@ def test_info_tells_what_was_run_and_how_far_it_came(gauntlet: Command, finished
     assert "       24  estimate/e3\n" in answer.out
 
 
+def test_a_runs_directory_stands_for_its_log(gauntlet: Command, finished_run: Path, tmp_path: Path) -> None:
+    log = finished_run / "run.mcap"
+    for command in (("log", "info"), ("score",)):
+        told, of_log = gauntlet(*command, finished_run), gauntlet(*command, log)
+        assert (told.code, told.out) == (of_log.code, of_log.out)
+    exported = gauntlet("log", "export", finished_run, "--out", tmp_path / "out")
+    assert exported.code == 0
+    empty = gauntlet("score", tmp_path)
+    assert empty.code == 2
+    assert f"{tmp_path} holds no run.mcap; give a log, or the directory of a run" in empty.err
+
+
 def test_info_is_json_for_programs(gauntlet: Command, finished_run: Path) -> None:
     facts = gauntlet("log", "info", finished_run / "run.mcap", "--json").json()
     assert (facts["steps_recorded"], facts["complete"], facts["truncated"]) == (24, True, False)

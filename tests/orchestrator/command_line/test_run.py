@@ -116,7 +116,7 @@ def test_all_mistakes_are_told_at_once_before_anything_is_written(gauntlet: Comm
     ("arguments", "complaint"),
     [
         (("run", "smal.yaml"), "smal.yaml: there is no such file\n    did you mean 'small.yaml'?"),
-        (("run", "."), "cannot be read"),
+        (("run", "."), "name a file in it"),
         (("run", "small.yaml", "--set", "stepz=3"), "did you mean 'steps'?"),
         (("run", "small.yaml", "--set", "steps"), "--set"),
         (("run", "small.yaml", "--out", "small.yaml"), "small.yaml is a file; choose a directory as --out"),

@@ -84,7 +84,7 @@ def another_programs_log(path: Path) -> None:
     [
         ("small.yaml", "small.yaml is not an MCAP file; give a log that `gauntlet run` wrote"),
         ("nowhere.mcap", "nowhere.mcap cannot be read: No such file or directory"),
-        (".", ". cannot be read: Is a directory"),
+        (".", ". holds no run.mcap; give a log, or the directory of a run"),
         ("foreign.mcap", "it is not a log of gauntlet's"),
     ],
 )

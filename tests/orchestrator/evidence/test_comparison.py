@@ -106,6 +106,28 @@ def test_undefined_trials_are_left_out_and_told() -> None:
     assert nothing.compared[2].p_adjusted == nothing.compared[2].difference.p_value  # the only one judged
 
 
+def test_whom_an_oracle_tells_and_whose_record_is_cut_off_is_said() -> None:
+    whole, told = table(TRIALS, "rmse.state"), table(0.5 * TRIALS, "rmse.state")
+    told = told.append_column("privileged", pa.array(["bias"] * 30))
+    told = told.append_column("complete", pa.array([False] * 2 + [True] * 28))
+    found = compare([Contender("A", "A", select(whole)), Contender("B", "B", select(told))], ["rmse.state"])
+    notes = [line for line in lines(found) if line.startswith("Note")]
+    assert notes == [
+        "Note: B: an oracle tells e1 of bias, which no honest estimator knows.",
+        "Note: B: the record of 2 of 30 trials is incomplete; figures are those of what is there.",
+    ]
+
+
+def test_it_is_told_for_whom_a_metric_is_undefined() -> None:
+    found = compared({"A": TRIALS, "B": np.full(30, np.nan)})
+    assert lines(found)[0] == "rmse.position is undefined for B."
+
+
+def test_trials_too_few_for_an_interval_have_none() -> None:
+    found = compared({"A": TRIALS[:3], "B": 2.0 * TRIALS[:3]})
+    assert "(no 95% interval from so few trials" in sentence(found.compared[0], found)
+
+
 def test_trials_of_other_numbers_are_compared_unpaired_and_said_so() -> None:
     one = Contender("A", "A", select(table(TRIALS, "rmse.state")))
     other = Contender("B", "B", select(table(3.0 * TRIALS, "rmse.state", first_trial=100)))
@@ -123,6 +145,18 @@ def test_a_sentence_tells_the_numbers() -> None:
     )
     assert "p < 0.0001" in said
     assert "matched-pairs rank biserial -1.00, A lower in 30 and higher in 0 of 30 common trials" in said
+
+
+def test_a_sure_difference_that_is_too_small_to_matter_is_said_to_be_so() -> None:
+    found = compared({"A": 0.99 * TRIALS, "B": TRIALS})
+    assert found.compared[0].verdict is Verdict.FIRST
+    assert sentence(found.compared[0], found).startswith(
+        "A is better than B in rmse.position, but by no more than 5%: median difference"
+    )
+    strict = compared({"A": 0.99 * TRIALS, "B": TRIALS}, margin=0.001)
+    assert sentence(strict.compared[0], strict).startswith("A is better than B in rmse.position: median")
+    packets = compared({"A": 0.99 * TRIALS, "B": TRIALS}, "packets.sent")
+    assert "packets.sent is lower with A than with B, but by no more than 5%" in lines(packets)[0]
 
 
 def test_programs_get_the_same_as_people() -> None:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from orchestrator.campaign.sweep import Request, prepare, sweep
+from orchestrator.command_line.campaign_output import QuietProgress
 from orchestrator.evidence.figures import rmse
 from orchestrator.evidence.sources import Source, load_source
 from orchestrator.report.contents import Page, Table
@@ -68,6 +70,15 @@ def test_the_page_says_what_the_statistics_of_evidence_say(campaign: Path, campa
     column = list(own.columns).index("position")
     assert own.rows[1][0] == groups[1].name
     assert own.rows[1][column] == f"{found.value:.4g} [{found.low:.3g}, {found.high:.3g}]"
+
+
+def test_the_page_marks_whom_an_oracle_tells_of_attacks(tmp_path: Path) -> None:
+    file = Path(__file__).parents[3] / "topologies/sadeghzadeh2022/noisy_sensor.yaml"
+    request = Request(file, 2, overrides=("steps=30",), out=tmp_path / "out", workers=1)
+    groups = find_groups([load_source(sweep(prepare(request), QuietProgress()))], "node", [])
+    assert [group.name for group in groups] == [
+        *("clean", "normal", "proposed PRIVILEGED", "rederived PRIVILEGED", "tracking")
+    ]
 
 
 def test_the_error_of_a_trial_is_that_of_its_estimators_together(campaign: Path) -> None:

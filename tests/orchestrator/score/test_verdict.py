@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from orchestrator.score.expectation import Expectation
+from orchestrator.score.results import ScoreOptions
 from orchestrator.score.scoring import score
 from orchestrator.score.verdict import headline, print_verdict
 
@@ -51,6 +52,27 @@ def test_a_failure_names_the_metric_and_what_became_of_the_estimators(make_netwo
 def test_a_run_without_expectations_is_done(make_network):
     result = scored(make_network(nodes=1, attacked={}), [])
     assert headline(result) == "DONE: the estimator e1 kept tracking; nothing was expected of it."
+
+
+def test_a_record_cut_off_before_the_first_scored_step_is_no_tracking(make_network):
+    run = make_network()
+    records = [record for record in run.records() if record[1].step < 5]
+    result = score(run.plan(), records, state_groups=GROUPS, options=ScoreOptions(from_step=10))
+    assert headline(result).endswith("as far as it goes, no estimate was scored.")
+
+
+def test_only_estimators_that_are_there_to_the_end_are_said_to_track(make_plan, recorder):
+    for step in range(10):
+        recorder.truth(step, [0.0])
+        for name in ("e1", "e2", "e3"):
+            if name == "e3" and step >= 4:
+                continue
+            recorder.inbox(name, step, [("s1", step)])
+            recorder.estimate(name, step, [1.0])
+        recorder.channel(step, events=[])
+    plan = make_plan(10, {name: ["s1"] for name in ("e1", "e2", "e3")}, {"e1": ["e2"], "e2": ["e1"]})
+    result = score(plan, recorder.records, state_groups={}, departed={"e3": 4})
+    assert headline(result).startswith("DONE: all 2 other estimators kept tracking, though the run lost e3")
 
 
 def test_an_incomplete_record_is_said_to_be_so(make_network):

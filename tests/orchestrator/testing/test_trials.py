@@ -154,6 +154,19 @@ def test_attacks_are_found_in_time_or_told_where_they_were_not(
         calm_trials.assert_detects_within(5)
 
 
+@pytest.mark.parametrize(("steps", "share"), [(-1, 0.5), (1, 1.7), (1, 0.0)])
+def test_a_share_or_delay_that_no_detector_could_have_is_refused(
+    calm_trials: Trials, steps: int, share: float
+) -> None:
+    with pytest.raises(ValueError, match="give steps from 0, and a share above 0, up to 1"):
+        calm_trials.assert_detects_within(steps, share=share)
+
+
+def test_a_negative_seed_is_refused(make: Make) -> None:
+    with pytest.raises(ValueError, match="seed -1 is negative"):
+        make("calm.yaml", [3, -1])
+
+
 def test_an_attack_that_the_end_cut_off_tells_nothing_either_way(make: Make) -> None:
     trials = make("attacked.yaml", range(3), "attacks[0].steps=[37, 39]", "estimators.e1.threshold=1e9")
     with pytest.raises(AssertionError, match="no attack met a detector for 3 steps; 3 were cut off"):

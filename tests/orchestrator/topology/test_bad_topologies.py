@@ -454,3 +454,17 @@ def test_what_is_likely_a_mistake_is_warned_of(old: str, new: str, warning: str,
     errors, warnings = find_problems(written(tmp_path, text, {}))
     assert errors == ()
     assert [warning in str(problem) for problem in warnings] == [True]
+
+
+def test_a_folder_is_no_topology_and_the_cure_says_what_takes_folders(tmp_path: Path) -> None:
+    with pytest.raises(
+        TopologyError, match=r"is a folder\n *name a file in it; 'gauntlet test' takes folders"
+    ):
+        load_topology(tmp_path)
+
+
+def test_a_graph_without_edges_is_no_mistake_where_nobody_exchanges(tmp_path: Path) -> None:
+    text = GOOD.replace("{ring: {nodes: 4}}", "{edges: []}")
+    text = text.replace("{method: secure_distributed, coupling: 0.01}", "{method: kalman}")
+    errors, warnings = find_problems(written(tmp_path, text[: text.index("channel:")], {}))
+    assert (errors, warnings) == ((), ())
