@@ -15,8 +15,9 @@ from orchestrator.handoff.frames import Library, arrow_table, frame, require
 from orchestrator.log.reader import read_log
 from orchestrator.score.gather import Gathered, Gatherer
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import Evidence, score_gathered
+from orchestrator.score.scoring import Evidence
 from orchestrator.topology.experiment import topology_from_experiment
+from orchestrator.topology_score import score_topology
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -158,14 +159,7 @@ class Run:
 
     @functools.cached_property
     def _scored(self) -> tuple[Score, Evidence]:
-        own = self._topology
-        return score_gathered(
-            own.plan,
-            self._record.gathered,
-            state_groups=own.state_groups,
-            options=own.score_options,
-            expectations=own.expectations,
-        )
+        return score_topology(self._topology, self._record.gathered, self._log.departed)
 
     @property
     def _evidence(self) -> Evidence:
@@ -174,5 +168,5 @@ class Run:
     @functools.cached_property
     def _rows(self) -> pa.Table:
         """The rows of evidence, one an estimator."""
-        rows = gathered_rows(self._topology, self._record.gathered)
+        rows = gathered_rows(self._topology, self._record.gathered, self._log.departed)
         return table(rows, schema(self._topology.state_groups))
