@@ -14,6 +14,18 @@ MAY_IMPORT = {
     "channel": {"bus"},
     "orchestrator": {"bus", "nodes", "channel"},
 }
+ROOMS = {
+    "score": set(),
+    "log": set(),
+    "backends": {"log"},
+    "topology": {"backends", "log", "score"},
+    "evidence": {"log", "score", "topology"},
+    "report": {"evidence", "log", "score", "topology"},
+    "handoff": {"evidence", "log", "score", "topology"},
+    "campaign": {"backends", "evidence", "log", "score", "topology"},
+    "testing": {"backends", "evidence", "log", "score", "topology"},
+}
+"""Which rooms of the orchestrator each room may import; the command line, above them, imports all."""
 ONLY_IN = {
     "zenoh": {"bus/zenoh_bus.py"},
     "mcap": {"orchestrator/log"},
@@ -66,6 +78,20 @@ def test_a_package_imports_only_what_lies_below_it(package: str) -> None:
     for path in sources(package):
         tops = {module.partition(".")[0] for module in imported_modules(path)}
         assert not tops & forbidden, f"{path.relative_to(ROOT)} imports {sorted(tops & forbidden)}"
+
+
+def test_every_room_of_the_orchestrator_has_its_place() -> None:
+    rooms = {path.parent.name for path in (ROOT / "orchestrator").glob("*/__init__.py")}
+    assert rooms - {"command_line"} == set(ROOMS)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_of_the_orchestrator_imports_only_what_lies_below_it(room: str) -> None:
+    forbidden = {"command_line", *ROOMS} - ROOMS[room] - {room}
+    for path in sources(f"orchestrator/{room}"):
+        parts = [module.split(".") for module in imported_modules(path)]
+        rooms = {own[1] for own in parts if own[0] == "orchestrator" and len(own) > 1}
+        assert not rooms & forbidden, f"{path.relative_to(ROOT)} imports {sorted(rooms & forbidden)}"
 
 
 @pytest.mark.parametrize("library", ONLY_IN)
