@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from orchestrator.evidence.sources import Source, SourceError
-from orchestrator.evidence.table import SWEPT
+from orchestrator.evidence.table import swept
 from orchestrator.handoff.columns import RECORDED
 from orchestrator.handoff.evidence import EVIDENCE
 from orchestrator.handoff.frames import Library, frame, require
@@ -82,8 +82,8 @@ class Campaign:
     def table(self, name: str) -> pa.Table:
         """Return one of the frames as an Arrow table."""
         rows = self._source.table
-        swept = [column for column in rows.column_names if column.startswith(SWEPT)]
-        return EVIDENCE[name](rows, ("variant", "trial", "seed", *swept, "node", "method"), None)
+        keys = ("variant", "trial", "seed", *swept(rows.column_names), "node", "method")
+        return EVIDENCE[name](rows, keys, None)
 
     def _frame(self, name: str) -> Any:
         return frame(self.table(name), self.library)
