@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -36,8 +36,6 @@ TANK_METHODS = {
     "extended_kalman, tanks": "{method: extended_kalman, sensors: [s1]}",
     "unscented_kalman, tanks": "{method: unscented_kalman, sensors: [s1]}",
 }
-
-Job = Callable[[], None]
 
 
 def measure(rows: frozenset[str], effort: Effort) -> list[Comparison]:

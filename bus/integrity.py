@@ -16,7 +16,6 @@ from bus.packets import UNSEALED, Packet
 from bus.plan import Plan
 
 CRC = "crc"
-MAC = "mac"
 
 Seal = Callable[[Packet], int]
 """Computes the seal that a packet must carry."""

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from orchestrator.log.reader import read_log
-from orchestrator.log.recorder import departures
+from orchestrator.score.gather import gather
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import score
 from orchestrator.topology.experiment import topology_from_experiment
+from orchestrator.topology_score import score_topology
 
 
 def score_of_log(path: Path, departed: Mapping[str, int] | None = None) -> Score:
@@ -18,12 +18,6 @@ def score_of_log(path: Path, departed: Mapping[str, int] | None = None) -> Score
     ``departed`` are the first silent steps of nodes that died, of a log that does not tell of its end yet.
     """
     log = read_log(path, check=False)
-    experiment = topology_from_experiment(log.topology_json)
-    return score(
-        experiment.plan,
-        log.records(),
-        state_groups=experiment.state_groups,
-        options=experiment.score_options,
-        expectations=experiment.expectations,
-        departed=departures(log.outcome) if departed is None else departed,
-    )
+    topology = topology_from_experiment(log.topology_json)
+    gathered = gather(topology.plan, log.records())
+    return score_topology(topology, gathered, log.departed if departed is None else departed)[0]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from orchestrator.summary import summarise, summary_lines
 from orchestrator.topology.load import find_problems, is_base, load_topology
 from orchestrator.topology.problems import Problem, TopologyError
+from orchestrator.topology_summary import summarise, summary_lines
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,20 @@ MAY_IMPORT = {
     "channel": {"bus"},
     "orchestrator": {"bus", "nodes", "channel"},
 }
+ROOMS = {
+    "score": set(),
+    "log": set(),
+    "backends": {"log"},
+    "topology": {"backends", "log", "score"},
+    "evidence": {"log", "score", "topology"},
+    "report": {"evidence", "log", "score", "topology"},
+    "handoff": {"evidence", "log", "score", "topology"},
+    "campaign": {"backends", "evidence", "log", "score", "topology"},
+    "reproduction": {"campaign", "evidence", "log", "report", "run", "score", "topology"},
+    "testing": {"backends", "evidence", "log", "run", "score", "topology"},
+}
+"""Which rooms of the orchestrator each room may import; what is `ABOVE` imports all."""
+ABOVE = {"command_line", "quick_start", "run", "validation"}
 ONLY_IN = {
     "zenoh": {"bus/zenoh_bus.py"},
     "mcap": {"orchestrator/log"},
@@ -50,7 +64,8 @@ def imported_modules(path: Path) -> set[str]:
             modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: imports are absolute here, so that they can be read anywhere"
-            modules.add(node.module or "")
+            module = node.module or ""
+            modules |= {module, *(f"{module}.{alias.name}" for alias in node.names)}
     return modules
 
 
@@ -66,6 +81,20 @@ def test_a_package_imports_only_what_lies_below_it(package: str) -> None:
     for path in sources(package):
         tops = {module.partition(".")[0] for module in imported_modules(path)}
         assert not tops & forbidden, f"{path.relative_to(ROOT)} imports {sorted(tops & forbidden)}"
+
+
+def test_every_room_of_the_orchestrator_has_its_place() -> None:
+    rooms = {path.parent.name for path in (ROOT / "orchestrator").glob("*/__init__.py")}
+    assert rooms - ABOVE == set(ROOMS)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_of_the_orchestrator_imports_only_what_lies_below_it(room: str) -> None:
+    forbidden = ABOVE.union(ROOMS) - ROOMS[room] - {room}
+    for path in sources(f"orchestrator/{room}"):
+        parts = [module.split(".") for module in imported_modules(path)]
+        rooms = {own[1] for own in parts if own[0] == "orchestrator" and len(own) > 1}
+        assert not rooms & forbidden, f"{path.relative_to(ROOT)} imports {sorted(rooms & forbidden)}"
 
 
 @pytest.mark.parametrize("library", ONLY_IN)

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-
 from bus.packets import Vector
-from channel.attacks.falsifying import FalsifyingLane, Part
-from channel.contract import Lane, Placement, Slot
+from channel.attacks.falsifying import StatedValue, ValueLane
+from channel.contract import Slot
 
 
-class Bias:
+class _BiasLane(ValueLane):
+    def false(self, slot: Slot, values: Vector) -> Vector:
+        return values + self.value
+
+    def added(self, slot: Slot, values: Vector) -> Vector:
+        return self.value
+
+
+class Bias(StatedValue):
     """Adds ``value`` to the payload of every packet (the n_i of Ding et al. 2021, section II).
 
     Parameters
@@ -22,28 +28,4 @@ class Bias:
         The indices of the payload that are attacked; all of them when not given.
     """
 
-    open_loop: ClassVar[bool] = True
-    reveals: ClassVar[bool] = True
-
-    def __init__(
-        self, placement: Placement, *, value: float | list[float], components: list[int] | None = None
-    ) -> None:
-        self._placement = placement
-        self._part = Part(components, value=value)
-        self._value = np.asarray(value, dtype=np.float64)
-
-    def lane(self, link: str) -> Lane:
-        """Return what it does on a link."""
-        return _BiasLane(self._placement, link, self._part, self._value)
-
-
-class _BiasLane(FalsifyingLane):
-    def __init__(self, placement: Placement, link: str, part: Part, value: Vector) -> None:
-        super().__init__(placement, link, part)
-        self._value = value
-
-    def false(self, slot: Slot, values: Vector) -> Vector:
-        return values + self._value
-
-    def added(self, slot: Slot, values: Vector) -> Vector:
-        return self._value
+    lane_kind: ClassVar[type[ValueLane]] = _BiasLane

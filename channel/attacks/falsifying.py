@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,6 +105,33 @@ class FalsifyingLane(Lane):
             return packet
         ledger.attacked(self.link, self.label, packet, magnitude)
         return self.placement.forged(packet, values)
+
+
+class ValueLane(FalsifyingLane):
+    """A lane that makes use of one stated value."""
+
+    def __init__(self, placement: Placement, link: str, part: Part, value: Vector) -> None:
+        super().__init__(placement, link, part)
+        self.value = value
+
+
+class StatedValue:
+    """What attacks share that do the same to every packet, with one ``value``: their lane says what."""
+
+    open_loop: ClassVar[bool] = True
+    reveals: ClassVar[bool] = True
+    lane_kind: ClassVar[type[ValueLane]]
+
+    def __init__(
+        self, placement: Placement, *, value: float | list[float], components: list[int] | None = None
+    ) -> None:
+        self._placement = placement
+        self._part = Part(components, value=value)
+        self._value = np.asarray(value, dtype=np.float64)
+
+    def lane(self, link: str) -> Lane:
+        """Return what it does on a link."""
+        return self.lane_kind(self._placement, link, self._part, self._value)
 
 
 def _is(one: object, other: object) -> bool:

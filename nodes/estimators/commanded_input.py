@@ -23,6 +23,10 @@ class CommandedInput:
         self._none: Vector = np.zeros(n)
         self.effect: Vector | None = None
 
+    def add_to(self, predicted: Vector) -> Vector:
+        """Return states (n,) or (N, n) that were predicted without any input, with its effect."""
+        return predicted if self.effect is None else predicted + self.effect
+
     def take(self, packets: Sequence[Packet]) -> None:
         """Take the commands of one step, of which the newest counts; raises ValueError on another size."""
         if packets:

@@ -57,8 +57,6 @@ class CovarianceIntersection:
         self.rounds = rounds_per_step if setting.neighbours else 0
         self._filter = LocalFilter(setting)
         self._criterion: Criterion = weights
-        self._nis, self._nis_dof = 0.0, 0
-        self._received = 0
 
     def control(self, step: int, packets: Sequence[Packet]) -> None:
         """Take the input that was commanded in ``step``, for the prediction that follows."""
@@ -68,12 +66,12 @@ class CovarianceIntersection:
         """Predict and correct by the node's own measurements; return the payload (n + n * n)."""
         own = self._filter
         own.predict(step)
-        self._nis, self._nis_dof, self._received = 0.0, 0, 0
+        own.nis, own.nis_dof, own.received = 0.0, 0, 0
         measured = own.measured(step, packets)
         if measured is not None:
             correction = correct(own.state, own.covariance, *measured)
             own.state, own.covariance = correction.state, correction.covariance
-            self._nis, self._nis_dof = correction.nis, len(measured.values)
+            own.nis, own.nis_dof = correction.nis, len(measured.values)
         return self._payload()
 
     def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
@@ -81,7 +79,7 @@ class CovarianceIntersection:
         own = self._filter
         n = len(own.state)
         others = arrived(step, n + n * n, packets)
-        self._received += len(others)
+        own.received += len(others)
         if others:
             states = [own.state, *(payload[:n] for payload in others.values())]
             covariances = [own.covariance, *(payload[n:].reshape(n, n) for payload in others.values())]
@@ -96,13 +94,7 @@ class CovarianceIntersection:
 
         Diagnostics: ``neighbours_received`` counts the payloads that arrived in all rounds.
         """
-        return Belief(
-            self._filter.state,
-            self._filter.covariance,
-            nis=self._nis,
-            nis_dof=self._nis_dof,
-            diagnostics={"neighbours_received": float(self._received)},
-        )
+        return self._filter.belief()
 
 
 def intersect(

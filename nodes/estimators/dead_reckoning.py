@@ -52,9 +52,7 @@ class DeadReckoning:
             F = self._plant.jacobian(self._state)
             half = 0.5 * F.dot(self._covariance).dot(F.T)
             self._covariance = half + half.T + self._plant.Q
-            self._state = self._plant.transition(self._state[None])[0]
-            if self._input.effect is not None:
-                self._state = self._state + self._input.effect
+            self._state = self._input.add_to(self._plant.transition(self._state[None])[0])
         return None
 
     def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:

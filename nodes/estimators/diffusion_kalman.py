@@ -45,8 +45,6 @@ class DiffusionKalman:
         self._filter = LocalFilter(setting)
         self._weights = ConsensusWeights(setting)
         self._information = no_information(len(self._filter.state))
-        self._nis, self._nis_dof = 0.0, 0
-        self._received = 0
 
     def control(self, step: int, packets: Sequence[Packet]) -> None:
         """Take the input that was commanded in ``step``, for the prediction that follows."""
@@ -55,12 +53,7 @@ class DiffusionKalman:
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict; return the information of the node's own measurements (n + n * n)."""
         own = self._filter
-        own.predict(step)
-        measured = own.measured(step, packets)
-        self._nis, self._nis_dof = own.nis(measured)
-        self._received = 0
-        vector, matrix = no_information(len(own.state)) if measured is None else measured.information()
-        self._information = vector, matrix
+        vector, matrix = self._information = own.begin(step, packets)
         if not self.rounds:
             own.add_information(vector, matrix)
         return np.concatenate((vector, matrix.ravel()))
@@ -74,7 +67,7 @@ class DiffusionKalman:
             return None
         vector, matrix = self._information
         others = arrived(step, n + n * n, packets)
-        self._received = len(others)
+        own.received = len(others)
         for payload in others.values():
             vector = vector + payload[:n]
             matrix = matrix + payload[n:].reshape(n, n)
@@ -86,10 +79,4 @@ class DiffusionKalman:
 
         Diagnostics: ``neighbours_received`` counts the neighbours whose measurements arrived.
         """
-        return Belief(
-            self._filter.state,
-            self._filter.covariance,
-            nis=self._nis,
-            nis_dof=self._nis_dof,
-            diagnostics={"neighbours_received": float(self._received)},
-        )
+        return self._filter.belief()

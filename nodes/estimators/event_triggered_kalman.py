@@ -69,9 +69,7 @@ class EventTriggeredKalman:
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict, correct by what was sent and then by the silences, in the sensors' order."""
         if step > 0:
-            self._state = self._dynamics.A.dot(self._state)
-            if self._input.effect is not None:
-                self._state = self._state + self._input.effect
+            self._state = self._input.add_to(self._dynamics.A.dot(self._state))
             self._covariance = self._dynamics.propagate(self._covariance)
         self._nis, self._nis_dof = 0.0, 0
         current = self._sensors.measurements(step, packets)

@@ -66,8 +66,6 @@ class InformationConsensus:
         self._with_prior = consensus_on == "information"
         self._pair: Vector = np.empty(0)
         self._prior: tuple[Vector, Matrix] = no_information(len(self._filter.state))
-        self._nis, self._nis_dof = 0.0, 0
-        self._received = 0
 
     def control(self, step: int, packets: Sequence[Packet]) -> None:
         """Take the input that was commanded in ``step``, for the prediction that follows."""
@@ -76,11 +74,7 @@ class InformationConsensus:
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict, and return the information of the node's own measurements, with its prior or without."""
         own = self._filter
-        own.predict(step)
-        measured = own.measured(step, packets)
-        self._nis, self._nis_dof = own.nis(measured)
-        self._received = 0
-        vector, matrix = no_information(len(own.state)) if measured is None else measured.information()
+        vector, matrix = own.begin(step, packets)
         prior = inverse(own.covariance)
         self._prior = prior.dot(own.state), prior
         self._pair = self._omega * np.concatenate((vector, matrix.ravel()))
@@ -93,7 +87,7 @@ class InformationConsensus:
     def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
         """Average with the neighbours that arrived; return the mean for the next round."""
         others = arrived(step, self._pair.size, packets)
-        self._received += len(others)
+        self._filter.received += len(others)
         self._pair = self._weights.mean(self._pair, others)
         if round_ == self.rounds - 1:
             self._settle()
@@ -114,10 +108,4 @@ class InformationConsensus:
 
         Diagnostics: ``neighbours_received`` counts the payloads that arrived in all rounds.
         """
-        return Belief(
-            self._filter.state,
-            self._filter.covariance,
-            nis=self._nis,
-            nis_dof=self._nis_dof,
-            diagnostics={"neighbours_received": float(self._received)},
-        )
+        return self._filter.belief()

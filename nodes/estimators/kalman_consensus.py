@@ -53,8 +53,6 @@ class KalmanConsensus:
         self._gain = gain
         self._shares = share_measurements
         self._vector, self._matrix = no_information(len(self._filter.state))
-        self._nis, self._nis_dof = 0.0, 0
-        self._received = 0
 
     def control(self, step: int, packets: Sequence[Packet]) -> None:
         """Take the input that was commanded in ``step``, for the prediction that follows."""
@@ -63,12 +61,7 @@ class KalmanConsensus:
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict; return the node's information and its prediction (n + n * n + n)."""
         own = self._filter
-        own.predict(step)
-        measured = own.measured(step, packets)
-        self._nis, self._nis_dof = own.nis(measured)
-        self._received = 0
-        information = no_information(len(own.state)) if measured is None else measured.information()
-        self._vector, self._matrix = information
+        self._vector, self._matrix = own.begin(step, packets)
         if not self.rounds:
             own.add_information(self._vector, self._matrix)
         return np.concatenate((self._vector, self._matrix.ravel(), own.state))
@@ -78,7 +71,7 @@ class KalmanConsensus:
         own = self._filter
         n, prior, covariance = len(own.state), own.state, own.covariance
         others = arrived(step, n + n * n + n, packets)
-        self._received = len(others)
+        own.received = len(others)
         vector, matrix, pull = self._vector, self._matrix, np.zeros(n)
         for payload in others.values():
             if self._shares:
@@ -95,10 +88,4 @@ class KalmanConsensus:
 
         Diagnostics: ``neighbours_received`` counts the neighbours that arrived.
         """
-        return Belief(
-            self._filter.state,
-            self._filter.covariance,
-            nis=self._nis,
-            nis_dof=self._nis_dof,
-            diagnostics={"neighbours_received": float(self._received)},
-        )
+        return self._filter.belief()

@@ -8,10 +8,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from bus.packets import Packet, Vector
-from nodes.contract import LinearPlant, LinearSensor, Matrix, Setting
+from nodes.contract import Belief, LinearPlant, LinearSensor, Matrix, Setting
 from nodes.estimators.arrivals import measurements
 from nodes.estimators.commanded_input import CommandedInput
-from nodes.estimators.linear_gaussian import Dynamics, Measurement, SensorBank, cholesky
+from nodes.estimators.linear_gaussian import (
+    Dynamics,
+    Measurement,
+    SensorBank,
+    cholesky,
+    mahalanobis_squared,
+)
 from nodes.estimators.nonlinear_gaussian import block_diagonal, nonlinear_plant, nonlinear_sensors
 from nodes.lapack import dpotrf, dtrtrs
 
@@ -89,6 +95,9 @@ class LinearisedModel:
 class LocalFilter:
     """State and covariance of one node, from the plant's initial law on, and what they are predicted with.
 
+    ``nis`` and ``nis_dof`` are those of the step's own measurements under the prediction, and ``received``
+    counts the neighbours' payloads of the step; all three are for `belief` to tell.
+
     Raises
     ------
     ValueError
@@ -102,6 +111,7 @@ class LocalFilter:
         )
         self._model: LocalModel = LinearModel(setting) if linear else LinearisedModel(setting)
         self._input = CommandedInput(setting.plant)
+        self.nis, self.nis_dof, self.received = 0.0, 0, 0
         self.state: Vector = setting.plant.initial_mean
         self.covariance: Matrix = np.ascontiguousarray(setting.plant.initial_covariance)
         if dpotrf(self.covariance)[1] != 0:
@@ -117,22 +127,34 @@ class LocalFilter:
     def predict(self, step: int) -> None:
         """Move the state and the covariance to ``step``; step 0 is where they begin."""
         if step > 0:
-            self.state, self.covariance = self._model.predict(self.state, self.covariance)
-            if self._input.effect is not None:
-                self.state = self.state + self._input.effect
+            predicted, self.covariance = self._model.predict(self.state, self.covariance)
+            self.state = self._input.add_to(predicted)
 
     def measured(self, step: int, packets: Sequence[Packet]) -> Linearised | None:
         """Return the measurements of ``step`` that arrived, around the state; None when none did."""
         return self._model.measured(step, self.state, packets)
 
-    def nis(self, measured: Linearised | None) -> tuple[float, int]:
-        """Return the NIS of measurements under the prediction, and its degrees of freedom."""
+    def begin(self, step: int, packets: Sequence[Packet]) -> tuple[Vector, Matrix]:
+        """Predict; return the information (n,), (n, n) of the step's own measurements, and note their NIS."""
+        self.predict(step)
+        self.nis, self.nis_dof, self.received = 0.0, 0, 0
+        measured = self.measured(step, packets)
         if measured is None:
-            return 0.0, 0
+            return no_information(len(self.state))
         (C, R), values = measured
         factor = cholesky(C.dot(self.covariance).dot(C.T) + R)
-        residual = dtrtrs(factor, values - C.dot(self.state), lower=1)[0]
-        return float(residual.dot(residual)), len(values)
+        self.nis, self.nis_dof = mahalanobis_squared(values - C.dot(self.state), factor), len(values)
+        return measured.information()
+
+    def belief(self) -> Belief:
+        """Return state and covariance, the NIS, and as a diagnostic ``neighbours_received``."""
+        return Belief(
+            self.state,
+            self.covariance,
+            nis=self.nis,
+            nis_dof=self.nis_dof,
+            diagnostics={"neighbours_received": float(self.received)},
+        )
 
     def add_information(self, vector: Vector, matrix: Matrix) -> None:
         """Correct by measurements given as ``C' R^-1 y`` (n,) and ``C' R^-1 C`` (n, n).

@@ -78,8 +78,7 @@ class NonlinearKalman(ABC):
         """Predict from the step before, then correct by this step's measurements; nothing is sent."""
         if step > 0:
             self._predict()
-            if self._input.effect is not None:
-                self._state = self._state + self._input.effect
+            self._state = self._input.add_to(self._state)
         self._nis, self._nis_dof = 0.0, 0
         current = measurements(step, packets, self._sizes)
         if current:

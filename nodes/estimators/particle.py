@@ -138,9 +138,7 @@ class Particle:
             self._states = self._states.T.take(chosen, axis=1).T
             self._weights = self._equal
             self._log_weights.fill(0.0)
-        self._states = self._plant.sample(self._states, self._noise)
-        if self._input.effect is not None:
-            self._states = self._states + self._input.effect
+        self._states = self._input.add_to(self._plant.sample(self._states, self._noise))
 
     def _weigh(self, packets: Sequence[Packet]) -> None:
         """Weigh the particles by at least one packet of this step (6)."""

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from orchestrator.evidence.bootstrap import CONFIDENCE
 from orchestrator.evidence.rows import SCORED
 from orchestrator.evidence.samples import together
 from orchestrator.evidence.sources import RESULTS
-from orchestrator.evidence.table import SWEPT
+from orchestrator.evidence.table import settings_by_variant, swept
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-CONFIDENCE = 0.95
 _NODES_SHOWN = 6
 _GROUPS_SHOWN = 3
 _FIGURES = (
@@ -139,16 +139,15 @@ def summarise(directory: Path) -> Summary:
     shown = own if 0 < len(own) <= _GROUPS_SHOWN else ["state"]
     wanted = [*(f"rmse.{group}" for group in shown), *_FIGURES]
     keys = ["variant", "trial", "node", "method", "privileged", "status", "message", "passed"]
-    held = file.read([*keys, *wanted, *(name for name in names if name.startswith(SWEPT))])
+    held = file.read([*keys, *wanted, *swept(names)])
     lines = tuple(_lines(held, wanted))
     metrics = tuple(name for name in wanted if any(name in line.figures for line in lines))
     return Summary(metrics, tuple(_tallies(held)), lines)
 
 
 def _tallies(held: pa.Table) -> Iterator[VariantTally]:
-    swept = [name for name in held.column_names if name.startswith(SWEPT)]
     columns = {name: held[name].to_pylist() for name in ("variant", "trial", "status", "message", "passed")}
-    settings = {name.removeprefix(SWEPT): held[name].to_pylist() for name in swept}
+    settings = settings_by_variant(held)
     trials: dict[int, dict[int, int]] = {}
     for row, (variant, trial) in enumerate(zip(columns["variant"], columns["trial"], strict=True)):
         trials.setdefault(variant, {}).setdefault(trial, row)
@@ -157,7 +156,7 @@ def _tallies(held: pa.Table) -> Iterator[VariantTally]:
         failed = [row for row in rows if columns["status"][row] != SCORED]
         yield VariantTally(
             variant,
-            {path: values[rows[0]] for path, values in settings.items()},
+            settings[variant],
             len(rows),
             len(failed),
             sum(bool(columns["passed"][row]) for row in rows),

@@ -64,7 +64,7 @@ def export(
     json: Json = False,
 ) -> None:
     """Write a log's data as tables, JSON lines or arrays."""
-    from orchestrator.log.export import export as export_log
+    from orchestrator.handoff.export import export as export_log
 
     paths = [str(path) for path in export_log(log, form, out)]
     if json:

@@ -10,17 +10,13 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from orchestrator.errors import InputError
 from orchestrator.evidence.columns import COMPLETE, PRIVILEGED, Rows, select
 from orchestrator.evidence.metrics import is_measured_by_window
 from orchestrator.evidence.sources import Source, load_source
-from orchestrator.evidence.table import SWEPT
+from orchestrator.evidence.table import SWEPT, settings_by_variant
 from orchestrator.topology.problems import did_you_mean
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _KEYS = ("variant", "trial", "seed", "node", "method", "status", PRIVILEGED, COMPLETE)
 
@@ -89,7 +85,7 @@ def _contenders(
 ) -> list[Contender]:
     _check_metrics(source, metrics)
     table = source.read(lambda name: _is_needed(name, metrics))
-    variants = _variants(table)
+    variants = settings_by_variant(table)
     if choice:
         variants = _chosen(source, variants, choice)
     if by is None and alone and len(variants) > 1:
@@ -137,14 +133,6 @@ def _is_needed(name: str, metrics: Sequence[str]) -> bool:
         or (windows and name.startswith("window."))
         or (windows and name == "packet.link")
     )
-
-
-def _variants(table: pa.Table) -> dict[int, dict[str, str]]:
-    """Return the settings of each variant that a table holds."""
-    swept = [name for name in table.column_names if name.startswith(SWEPT)]
-    rows = table.select(["variant", *swept]).group_by(["variant", *swept]).aggregate([]).to_pylist()
-    rows.sort(key=lambda row: row["variant"])
-    return {int(row["variant"]): {name.removeprefix(SWEPT): str(row[name]) for name in swept} for row in rows}
 
 
 def _chosen(source: Source, variants: dict[int, dict[str, str]], choice: str) -> dict[int, dict[str, str]]:

@@ -7,24 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
 
 from orchestrator.evidence.bootstrap import CONFIDENCE, Band, bootstrap, pooled
 from orchestrator.evidence.columns import Rows
-from orchestrator.evidence.consistency import (
-    ByStep,
-    Overall,
-    by_step,
-    overall_by_trial,
-    overall_independent,
-)
+from orchestrator.evidence.consistency import Overall, overall_by_trial, overall_independent
 from orchestrator.evidence.intervals import Interval, only, share
 from orchestrator.evidence.whiteness import Whiteness, standardised_nis, whiteness
 from orchestrator.score.gather import Bools, Floats, Ints
 
 T = TypeVar("T")
+ChiSquare = Literal["nees", "nis"]
 
 
 def _alive(rows: Rows) -> Bools:
@@ -88,17 +83,24 @@ class Split(Generic[T]):
 
 @dataclass(frozen=True)
 class Consistency:
-    """NEES and NIS by step and over all, split by attack.
+    """NEES and NIS over all steps, split by attack.
 
     ``whiteness`` is that of innovations, or of NIS where there are none (``from_nis``).
     """
 
-    nees_by_step: ByStep
-    nis_by_step: ByStep
     nees: Split[Overall]
     nis: Split[Overall]
     whiteness: Split[Whiteness]
     from_nis: bool
+
+
+def chi_square_figures(rows: Rows, what: ChiSquare) -> tuple[Floats, Ints]:
+    """Return NEES or NIS (R, K) of rows with their degrees of freedom; 0 where there is no figure."""
+    figures = rows.series(what)
+    if what == "nis":
+        return figures, np.nan_to_num(rows.series("nis_dof")).astype(np.int64)
+    size = np.broadcast_to(rows.scalar("state_size").astype(np.int64)[:, None], figures.shape)
+    return figures, np.where(np.isfinite(figures), size, 0)
 
 
 def consistency(rows: Rows, from_step: int = 0, confidence: float = CONFIDENCE) -> Consistency:
@@ -109,14 +111,9 @@ def consistency(rows: Rows, from_step: int = 0, confidence: float = CONFIDENCE) 
     """
     attacked = rows.series("attacked") == 1.0
     counted = _alive(rows) & (np.arange(rows.steps) >= from_step)
-    nees, nis = rows.series("nees"), rows.series("nis")
-    size = np.broadcast_to(rows.scalar("state_size").astype(np.int64)[:, None], nees.shape)
-    nees_dof: Ints = np.where(np.isfinite(nees), size, 0)
-    nis_dof = np.nan_to_num(rows.series("nis_dof")).astype(np.int64)
+    (nees, nees_dof), (nis, nis_dof) = chi_square_figures(rows, "nees"), chi_square_figures(rows, "nis")
     innovation, from_nis = _innovations(rows, nis, nis_dof)
     return Consistency(
-        by_step(nees, nees_dof, counted, confidence),
-        by_step(nis, nis_dof, counted, confidence),
         Split.of(lambda where: overall_by_trial(nees, nees_dof, where, confidence), counted, attacked),
         Split.of(lambda where: overall_independent(nis, nis_dof, where, confidence), counted, attacked),
         Split.of(lambda where: whiteness(innovation, where, confidence=confidence), counted, attacked),
@@ -142,7 +139,6 @@ class Efficiency:
     """
 
     bound: Band
-    ratio_by_step: Band
     ratio: Interval
     steps: float
     refused: dict[str, int]
@@ -160,7 +156,6 @@ def efficiency(rows: Rows, group: str, from_step: int = 0, confidence: float = C
     reasons = [reason for reason in rows.text("pcrb.refused") if reason]
     return Efficiency(
         _pooled(rows, bound**2, np.ones_like(bound), confidence),
-        _pooled(rows, error**2, bound**2, confidence),
         only(_pooled(rows, above, below, confidence)),
         float(known.sum() / max(1, late.sum() * len(known))),
         {reason: reasons.count(reason) for reason in sorted(set(reasons))},

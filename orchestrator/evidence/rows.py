@@ -22,8 +22,9 @@ from orchestrator.score.catalogue import find_metric, metric_names
 from orchestrator.score.gather import Gathered, gather
 from orchestrator.score.measure import LinkSet, link_value, measure, node_value, pooled_senders
 from orchestrator.score.results import AttackWindow, Score
-from orchestrator.score.scoring import Evidence, score_gathered
+from orchestrator.score.scoring import Evidence
 from orchestrator.topology.resolved import Topology
+from orchestrator.topology_score import score_topology
 
 SCORED, FAILED = "scored", "failed"
 
@@ -31,7 +32,9 @@ Row = dict[str, Any]
 """A row by column; what each column means stands in `orchestrator.evidence.table`."""
 
 
-def trial_rows(topology: Topology, records: Iterable[tuple[str, Message]]) -> list[Row]:
+def trial_rows(
+    topology: Topology, records: Iterable[tuple[str, Message]], departed: Mapping[str, int] | None = None
+) -> list[Row]:
     """Return the rows of one run, one an estimator in the plan's order; ``variant`` is 0.
 
     Parameters
@@ -41,20 +44,18 @@ def trial_rows(topology: Topology, records: Iterable[tuple[str, Message]]) -> li
         their classes.
     records
         The record: (topic, message) pairs, from a log or from memory.
+    departed
+        The first silent step of each node that died and that the others outlived.
     """
-    return gathered_rows(topology, gather(topology.plan, records))
+    return gathered_rows(topology, gather(topology.plan, records), departed)
 
 
-def gathered_rows(topology: Topology, gathered: Gathered) -> list[Row]:
+def gathered_rows(
+    topology: Topology, gathered: Gathered, departed: Mapping[str, int] | None = None
+) -> list[Row]:
     """Return the rows of a record that is gathered already; see `trial_rows`."""
     plan, groups = topology.plan, topology.state_groups
-    score, evidence = score_gathered(
-        plan,
-        gathered,
-        state_groups=groups,
-        options=topology.score_options,
-        expectations=topology.expectations,
-    )
+    score, evidence = score_topology(topology, gathered, departed)
     facts = _facts(plan) | {"status": SCORED, "passed": score.passed, "complete": score.complete}
     deviation = _disagreement(score)
     scalars = _scalars(score, groups, {own.name: _senders(plan, own) for own in plan.estimators})

@@ -146,7 +146,8 @@ def _table_of_log(log: Path) -> pa.Table:
 
     opened = read_log(log, check=False)
     topology = topology_from_experiment(opened.topology_json)
-    return table(trial_rows(topology, opened.records()), schema(topology.state_groups))
+    rows = trial_rows(topology, opened.records(), opened.departed)
+    return table(rows, schema(topology.state_groups))
 
 
 def _table_of_campaign(directory: Path) -> pa.Table:

@@ -36,6 +36,10 @@ class Survival:
     found: int
 
 
+_UNKNOWN = Interval(np.nan, np.nan, np.nan)
+_NOTHING = Survival(np.zeros(0), np.zeros(0), np.zeros(0), _UNKNOWN, _UNKNOWN, 0, 0, 0)
+
+
 def _tables(delay: Ints, found: Bools, trial: Ints, trials: int, horizon: int) -> tuple[Floats, Floats]:
     """Return detections and endings of any sort by trial and time, (trials, horizon + 1)."""
     detections, endings = (np.zeros((trials, horizon + 1)) for _ in range(2))
@@ -82,8 +86,7 @@ def kaplan_meier(
         Of the intervals.
     """
     if not delay.size:
-        empty, unknown = np.zeros(0), Interval(np.nan, np.nan, np.nan)
-        return Survival(empty, empty, empty, unknown, unknown, 0, 0, 0)
+        return _NOTHING
     trial = np.arange(delay.size) if trial is None else trial
     last = int(delay.max()) if horizon is None else horizon
     within = found & (delay <= last)
@@ -103,13 +106,5 @@ def kaplan_meier(
         bootstrap(statistic, trials, confidence=confidence, resamples=resamples)
         for statistic in (curve, median, mean)
     )
-    return Survival(
-        band.value,
-        band.low,
-        band.high,
-        only(centre),
-        only(average),
-        last,
-        int(delay.size),
-        int(within.sum()),
-    )
+    windows, detected = int(delay.size), int(within.sum())
+    return Survival(band.value, band.low, band.high, only(centre), only(average), last, windows, detected)

@@ -124,6 +124,19 @@ def _inner(flat: Any, type_: pa.DataType) -> pa.Array:
     return pa.array(flat, type=type_, from_pandas=True)
 
 
+def swept(names: Iterable[str]) -> list[str]:
+    """Return those names of columns that hold the values of a ``--set``."""
+    return [name for name in names if name.startswith(SWEPT)]
+
+
+def settings_by_variant(table: pa.Table) -> dict[int, dict[str, str]]:
+    """Return the settings of each variant that a table holds, by path, in the order of the variants."""
+    names = swept(table.column_names)
+    rows = table.select(["variant", *names]).group_by(["variant", *names]).aggregate([]).to_pylist()
+    rows.sort(key=lambda row: row["variant"])
+    return {int(row["variant"]): {name.removeprefix(SWEPT): str(row[name]) for name in names} for row in rows}
+
+
 def swept_columns(settings: Mapping[str, str]) -> Row:
     """Return the values of a variant's ``--set`` as columns of its rows."""
     return {f"{SWEPT}{path}": value for path, value in settings.items()}

@@ -6,20 +6,19 @@ import functools
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from orchestrator.evidence.columns import state_groups
 from orchestrator.evidence.sources import Source, SourceError
-from orchestrator.evidence.table import SWEPT
+from orchestrator.evidence.table import swept
 from orchestrator.handoff.columns import RECORDED
-from orchestrator.handoff.evidence import EVIDENCE
-from orchestrator.handoff.frames import Library, frame, require
+from orchestrator.handoff.evidence import EVIDENCE, EvidenceFrames
+from orchestrator.handoff.frames import Library, require
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import xarray as xr
 
-_ERROR = "error."
 
-
-class Campaign:
+class Campaign(EvidenceFrames):
     """All trials of a campaign. What was recorded message by message is not kept: replay a trial for that.
 
     Frames (polars or pandas): `results`, a row a trial and estimator; `errors`, a row also for each step;
@@ -32,7 +31,7 @@ class Campaign:
     def __init__(self, source: Source, library: Library) -> None:
         self.path = source.path
         self.name = source.name
-        self.library = library
+        super().__init__(library)
         self._source = source
 
     def __repr__(self) -> str:
@@ -55,38 +54,19 @@ class Campaign:
         return self._frame("results")
 
     @functools.cached_property
-    def errors(self) -> Any:
-        """A row a trial, estimator and step: error norms by state group, ``nees``, ``nis``, ``attacked``."""
-        return self._frame("errors")
-
-    @functools.cached_property
-    def detections(self) -> Any:
-        """A row a packet that a detector may judge: ``statistic``, ``alarm``, and whether ``attacked``."""
-        return self._frame("detections")
-
-    @functools.cached_property
-    def windows(self) -> Any:
-        """A row an attack window on a link: its first and last step, and the ``delay`` of its detection."""
-        return self._frame("windows")
-
-    @functools.cached_property
     def arrays(self) -> xr.Dataset:
         """Arrays by ``variant``, ``trial``, ``node`` and ``step``, with their names as coordinates."""
         require("xarray")
         from orchestrator.handoff.arrays import campaign_arrays
 
         rows = self._source.table
-        groups = [name.removeprefix(_ERROR) for name in rows.column_names if name.startswith(_ERROR)]
-        return campaign_arrays(rows, groups, {"name": self.name})
+        return campaign_arrays(rows, state_groups(rows), {"name": self.name})
 
     def table(self, name: str) -> pa.Table:
         """Return one of the frames as an Arrow table."""
         rows = self._source.table
-        swept = [column for column in rows.column_names if column.startswith(SWEPT)]
-        return EVIDENCE[name](rows, ("variant", "trial", "seed", *swept, "node", "method"), None)
-
-    def _frame(self, name: str) -> Any:
-        return frame(self.table(name), self.library)
+        keys = ("variant", "trial", "seed", *swept(rows.column_names), "node", "method")
+        return EVIDENCE[name](rows, keys, None)
 
     def __getattr__(self, name: str) -> NoReturn:
         """Tell where to find what only a run has."""

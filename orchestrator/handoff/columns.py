@@ -99,9 +99,11 @@ class Rows:
         elif isinstance(message, Estimate):
             self._take_estimate(topic.split("/")[1], message)
         elif isinstance(message, Transmission | Inbox):
-            self.rows["packets"] += _packets(topic, message)
+            self.rows["packets"] += packet_rows(topic, message)
         elif isinstance(message, ChannelEvents):
-            self._take_events(topic.split("/")[1], message)
+            phase = topic.split("/")[1]
+            self.rows["links"] += link_rows(phase, message)
+            self.rows["events"] += event_rows(phase, message)
 
     def _take_estimate(self, node: str, message: Estimate) -> None:
         begin = (message.step, message.t, node)
@@ -112,22 +114,8 @@ class Rows:
         diagnostics = zip(message.diagnostic_name, message.diagnostic_value, strict=True)
         self.rows["diagnostics"] += [(*begin, *diagnostic) for diagnostic in diagnostics]
 
-    def _take_events(self, phase: str, message: ChannelEvents) -> None:
-        begin = (message.step, message.t, phase, message.round)
-        counts = [getattr(message, name) or [0] * len(message.link) for name in COUNTS]
-        self.rows["links"] += [(*begin, *row) for row in zip(message.link, *counts, strict=True)]
-        acts = zip(
-            message.event_link,
-            message.event_stage,
-            message.event_sequence,
-            message.event_action,
-            message.event_magnitude,
-            strict=True,
-        )
-        self.rows["events"] += [(*begin, *act) for act in acts]
 
-
-def _packets(topic: str, message: Transmission | Inbox) -> Iterator[Sequence[Any]]:
+def packet_rows(topic: str, message: Transmission | Inbox) -> Iterator[Sequence[Any]]:
     """Yield a row a packet: as it was sent (tx), or as it was received (rx)."""
     direction, node, stream = topic.split("/")
     begin = (message.step, message.t, direction, node, message.round)
@@ -140,3 +128,26 @@ def _packets(topic: str, message: Transmission | Inbox) -> Iterator[Sequence[Any
         packets = zip(message.kind, message.source, message.sent_step, message.sequence, values, strict=True)
         for packet in packets:
             yield (*begin, *packet)
+
+
+def link_rows(phase: str, message: ChannelEvents) -> Iterator[Sequence[Any]]:
+    """Yield a row a link: what it carried in a phase of a step."""
+    begin = (message.step, message.t, phase, message.round)
+    counts = [getattr(message, name) or [0] * len(message.link) for name in COUNTS]
+    for account in zip(message.link, *counts, strict=True):
+        yield (*begin, *account)
+
+
+def event_rows(phase: str, message: ChannelEvents) -> Iterator[Sequence[Any]]:
+    """Yield a row an act of the channel in a phase of a step."""
+    begin = (message.step, message.t, phase, message.round)
+    acts = zip(
+        message.event_link,
+        message.event_stage,
+        message.event_sequence,
+        message.event_action,
+        message.event_magnitude,
+        strict=True,
+    )
+    for act in acts:
+        yield (*begin, *act)

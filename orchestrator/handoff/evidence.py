@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from orchestrator.handoff.frames import exploded
+from orchestrator.handoff.frames import Library, exploded, frame
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -72,3 +74,32 @@ EVIDENCE: Mapping[str, Callable[[pa.Table, Sequence[str], float | None], pa.Tabl
     "results": results,
 }
 """The tables that come from comparing runs with the truth, by name."""
+
+
+class EvidenceFrames(ABC):
+    """The frames that a run and a campaign have in common, each computed when it is first asked for."""
+
+    def __init__(self, library: Library) -> None:
+        self.library = library
+
+    @abstractmethod
+    def table(self, name: str) -> pa.Table:
+        """Return one of the frames as an Arrow table."""
+
+    @functools.cached_property
+    def errors(self) -> Any:
+        """A row a trial, estimator and step: error norms by state group, ``nees``, ``nis``, ``attacked``."""
+        return self._frame("errors")
+
+    @functools.cached_property
+    def detections(self) -> Any:
+        """A row a packet that a detector may judge: ``statistic``, ``alarm``, and whether ``attacked``."""
+        return self._frame("detections")
+
+    @functools.cached_property
+    def windows(self) -> Any:
+        """A row an attack window on a link: its first and last step, and the ``delay`` of its detection."""
+        return self._frame("windows")
+
+    def _frame(self, name: str) -> Any:
+        return frame(self.table(name), self.library)

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from orchestrator.evidence.rows import gathered_rows
 from orchestrator.evidence.table import schema, table
 from orchestrator.handoff.columns import RECORDED, Rows, column_types, component_names
-from orchestrator.handoff.evidence import EVIDENCE
-from orchestrator.handoff.frames import Library, arrow_table, frame, require
+from orchestrator.handoff.evidence import EVIDENCE, EvidenceFrames
+from orchestrator.handoff.frames import Library, arrow_table, require
 from orchestrator.log.reader import read_log
 from orchestrator.score.gather import Gathered, Gatherer
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import Evidence, score_gathered
+from orchestrator.score.scoring import Evidence
 from orchestrator.topology.experiment import topology_from_experiment
+from orchestrator.topology_score import score_topology
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -35,7 +36,7 @@ class _Record(NamedTuple):
     gathered: Gathered
 
 
-class Run:
+class Run(EvidenceFrames):
     """One run: what its log holds, in the terms of state estimation.
 
     Frames (polars or pandas), each computed when it is first asked for: `truth`, `estimates`, `diagnostics`,
@@ -47,7 +48,7 @@ class Run:
 
     def __init__(self, path: Path, library: Library = "polars") -> None:
         self.path = path
-        self.library = library
+        super().__init__(library)
         self._log = read_log(path)
         self._topology = topology_from_experiment(self._log.topology_json)
         self.name = self._topology.name
@@ -104,21 +105,6 @@ class Run:
         return self._frame("events")
 
     @functools.cached_property
-    def errors(self) -> Any:
-        """A row an estimator and step: error norms by state group, ``nees``, ``nis``, ``attacked``."""
-        return self._frame("errors")
-
-    @functools.cached_property
-    def detections(self) -> Any:
-        """A row a packet that a detector may judge: ``statistic``, ``alarm``, and whether ``attacked``."""
-        return self._frame("detections")
-
-    @functools.cached_property
-    def windows(self) -> Any:
-        """A row an attack window on a link: its first and last step, and the ``delay`` of its detection."""
-        return self._frame("windows")
-
-    @functools.cached_property
     def results(self) -> Any:
         """A row an estimator: every metric that ``expect:`` knows."""
         return self._frame("results")
@@ -143,9 +129,6 @@ class Run:
             return arrow_table(column_types(self.components)[name], self._record.rows.rows[name])
         return EVIDENCE[name](self._rows, _KEYS, self._topology.plan.period_s)
 
-    def _frame(self, name: str) -> Any:
-        return frame(self.table(name), self.library)
-
     @functools.cached_property
     def _record(self) -> _Record:
         plan = self._topology.plan
@@ -158,14 +141,7 @@ class Run:
 
     @functools.cached_property
     def _scored(self) -> tuple[Score, Evidence]:
-        own = self._topology
-        return score_gathered(
-            own.plan,
-            self._record.gathered,
-            state_groups=own.state_groups,
-            options=own.score_options,
-            expectations=own.expectations,
-        )
+        return score_topology(self._topology, self._record.gathered, self._log.departed)
 
     @property
     def _evidence(self) -> Evidence:
@@ -174,5 +150,5 @@ class Run:
     @functools.cached_property
     def _rows(self) -> pa.Table:
         """The rows of evidence, one an estimator."""
-        rows = gathered_rows(self._topology, self._record.gathered)
+        rows = gathered_rows(self._topology, self._record.gathered, self._log.departed)
         return table(rows, schema(self._topology.state_groups))

@@ -17,6 +17,7 @@ from mcap.records import Attachment, Channel, Metadata
 from bus.messages import Message, decoder, message_type
 from orchestrator.log.errors import LogError
 from orchestrator.log.provenance import unsealed
+from orchestrator.log.recorder import departures
 from orchestrator.log.scan import Layout, check_crcs, read_chunk, read_part, scan
 from orchestrator.log.writer import OUTCOME, PROVENANCE, SCORE, TOPOLOGY
 
@@ -49,6 +50,11 @@ class Log:
     def complete(self) -> bool:
         """Whether the log holds every message of every step of its plan."""
         return not self.truncated and self.outcome.get("complete") == "true"
+
+    @property
+    def departed(self) -> dict[str, int]:
+        """The first silent step of each node that died though no plan had it so."""
+        return departures(self.outcome)
 
     @cached_property
     def topology(self) -> dict[str, Any]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import get_args
 
 import numpy as np
 
 from orchestrator.evidence.bootstrap import Band
 from orchestrator.evidence.consistency import by_step
+from orchestrator.evidence.figures import ChiSquare, chi_square_figures
 from orchestrator.report.contents import Choice, Figure, Trace, View
-from orchestrator.report.group_pieces import (
-    band_traces,
-)
+from orchestrator.report.group_pieces import band_traces
 from orchestrator.report.groups import Group
 from orchestrator.report.lines import log_axis, step_axis
 from orchestrator.score.gather import Floats
@@ -30,7 +30,7 @@ def consistency_curves(groups: Sequence[Group], notes: list[str]) -> Figure | No
         notes.append(f"ANEES and ANIS over time: {len(shown)} of {len(nodes)} estimators can be chosen.")
     views: dict[tuple[str, ...], View] = {}
     for node in shown:
-        for what in ("nees", "nis"):
+        for what in get_args(ChiSquare):
             traces = _consistency_traces(groups, node, what)
             values = [trace["y"] for trace in traces]
             axis = log_axis(f"A{what.upper()} by its dof", values) if traces else {}
@@ -54,19 +54,13 @@ def consistency_curves(groups: Sequence[Group], notes: list[str]) -> Figure | No
     )
 
 
-def _consistency_traces(groups: Sequence[Group], node: str, what: str) -> list[Trace]:
+def _consistency_traces(groups: Sequence[Group], node: str, what: ChiSquare) -> list[Trace]:
     traces: list[Trace] = []
     for number, group in enumerate(groups):
         rows = group.of(node)
         if not rows.trial.size:
             continue
-        figures = rows.series(what)
-        if what == "nees":
-            size = np.broadcast_to(rows.scalar("state_size").astype(np.int64)[:, None], figures.shape)
-            dof = np.where(np.isfinite(figures), size, 0)
-        else:
-            dof = np.nan_to_num(rows.series("nis_dof")).astype(np.int64)
-        found = by_step(figures, dof, confidence=group.confidence)
+        found = by_step(*chi_square_figures(rows, what), confidence=group.confidence)
         if np.isfinite(found.ratio).any():
             own = band_traces(Band(found.ratio, found.low, found.high), group.name, number)
             traces += own[1:] if _drawn_already(own[0]["y"], traces) else own

@@ -11,7 +11,7 @@ import numpy as np
 from orchestrator.evidence.bootstrap import CONFIDENCE
 from orchestrator.evidence.columns import ColumnError, Rows, select, state_groups
 from orchestrator.evidence.sources import RESULTS, Source
-from orchestrator.evidence.table import SWEPT
+from orchestrator.evidence.table import settings_by_variant
 from orchestrator.report.errors import ReportError
 from orchestrator.score.gather import Bools, Floats
 
@@ -171,9 +171,8 @@ def find_groups(sources: Sequence[Source], by: By | None, notes: list[str]) -> l
 def _groups_of(source: Source, number: int, title: str, by: By | None, notes: list[str]) -> list[Group]:
     table, judged = source.read(lambda name: not name.startswith("packet.")), _judged(source, notes)
     documents, found = source.documents, []
-    for variant in sorted(set(table.column("variant").to_pylist())):
+    for variant, settings in settings_by_variant(table).items():
         document = documents[variant] if variant < len(documents) else documents[0]
-        settings = _settings(table, variant)
         try:
             whole = select(table, variant=variant)
         except ColumnError:
@@ -249,12 +248,6 @@ def _parts(rows: Rows, document: Mapping[str, Any], by: By | None) -> dict[str, 
 
 def _span(nodes: Sequence[str]) -> str:
     return nodes[0] if len(nodes) == 1 else f"{nodes[0]} to {nodes[-1]}"
-
-
-def _settings(table: pa.Table, variant: int) -> dict[str, str]:
-    swept = [name for name in table.column_names if name.startswith(SWEPT)]
-    at = table.column("variant").to_pylist().index(variant)
-    return {name.removeprefix(SWEPT): str(table.column(name)[at].as_py()) for name in swept}
 
 
 def _attacked(rows: Rows) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def line(x: Ints | Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
     """Return a line; further keys go into its ``line`` when Plotly's lines have them, else into the trace."""
-    style = {key: more.pop(key) for key in ("width", "dash") if key in more}
+    style = {key: more.pop(key) for key in ("width", "dash", "shape") if key in more}
     return {
         "type": "scatter",
         "mode": "lines",

@@ -14,9 +14,10 @@ from orchestrator.log.reader import Log, read_log
 from orchestrator.report.errors import ReportError
 from orchestrator.score.gather import Bools, Floats, Ints, gather
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import Evidence, score_gathered
+from orchestrator.score.scoring import Evidence
 from orchestrator.topology.experiment import topology_from_experiment
 from orchestrator.topology.resolved import Topology
+from orchestrator.topology_score import score_topology
 
 CHANNEL_COUNTS = ("sent", "delivered", "lost", "attacked", "injected", "refused")
 
@@ -105,13 +106,8 @@ def read_recording(path: Path) -> Recording:
     log = read_log(path)
     topology = topology_from_experiment(log.topology_json)
     watch = _Watch(topology.plan)
-    result, evidence = score_gathered(
-        topology.plan,
-        gather(topology.plan, watch.pass_on(log.records())),
-        state_groups=topology.state_groups,
-        options=topology.score_options,
-        expectations=topology.expectations,
-    )
+    gathered = gather(topology.plan, watch.pass_on(log.records()))
+    result, evidence = score_topology(topology, gathered, log.departed)
     if not evidence.gathered.estimates.present.any():
         raise ReportError(f"{path} holds no estimate: there is nothing to report; run it again")
     return Recording(log, topology, result, evidence, *watch.arrays(), watch.counts)

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from orchestrator.report.contents import Choice, Figure, Table, Trace, View
-from orchestrator.report.lines import step_axis, value_axis
+from orchestrator.report.lines import line, step_axis, value_axis
 from orchestrator.report.recording import CHANNEL_COUNTS, Recording
 from orchestrator.report.thinning import binned
-from orchestrator.score.gather import Floats, Ints
 from orchestrator.score.results import LinkScore, Traffic
 
 MOST_NODES = 80
@@ -23,17 +22,7 @@ _SHARES = {
 }
 
 
-def _stair(x: Ints, y: Floats, name: str, colour: str, **more: object) -> Trace:
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "x": x,
-        "y": y,
-        "name": name,
-        "line": {"color": colour, "width": 1.6, "shape": "hv"},
-        "hovertemplate": "%{y:.4g}",
-        **more,
-    }
+_STAIR = {"width": 1.6, "shape": "hv", "hovertemplate": "%{y:.4g}"}
 
 
 def rate_figure(recording: Recording, notes: list[str]) -> Figure:
@@ -55,7 +44,7 @@ def rate_figure(recording: Recording, notes: list[str]) -> Figure:
     return Figure(
         name="traffic",
         title="Packets of all links, by step",
-        views={(): View([_stair(starts, rates[name], name, looks[name]) for name in drawn])},
+        views={(): View([line(starts, rates[name], name, looks[name], **_STAIR) for name in drawn])},
         layout={
             "xaxis": step_axis(recording.plan.period_s),
             "yaxis": value_axis("packets a step", rangemode="tozero"),

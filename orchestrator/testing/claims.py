@@ -6,7 +6,6 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,16 +14,23 @@ from orchestrator.score.expectation import Expectation
 from orchestrator.score.judging import judge_expectations, show
 from orchestrator.score.measure import node_value
 from orchestrator.score.results import AttackWindow, Outcome, Score
+from orchestrator.score.scoring import Evidence
 from orchestrator.topology.names import select
 from orchestrator.topology.problems import did_you_mean
 from orchestrator.topology.resolved import Topology
 from orchestrator.topology.targets import links_of_pattern
 
-if TYPE_CHECKING:
-    from orchestrator.testing.trials import Trial
-
 Names = str | Sequence[str] | None
 """Which nodes or links: a name, a range, a pattern, several of these, or None for all."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run: its seed, its score, and the arrays that the score was computed from."""
+
+    seed: int
+    score: Score
+    evidence: Evidence
 
 
 @dataclass(frozen=True)

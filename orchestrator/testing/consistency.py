@@ -5,17 +5,13 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from orchestrator.evidence.consistency import by_step, overall_independent
 from orchestrator.score.gather import Bools, Floats, Ints
-from orchestrator.testing.claims import Claim, Names, estimators
+from orchestrator.testing.claims import Claim, Names, Trial, estimators
 from orchestrator.topology.resolved import Topology
-
-if TYPE_CHECKING:
-    from orchestrator.testing.trials import Trial
 
 
 def consistent(topology: Topology, trials: Sequence[Trial], node: Names, false_alarm: float) -> Claim:

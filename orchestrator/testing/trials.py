@@ -5,37 +5,27 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from bus.program import NodeError
 from orchestrator import exit_codes
 from orchestrator.run import Backend, RunReport, run_topology
 from orchestrator.run_directory import LOG, make_run_directory
-from orchestrator.score.gather import Gatherer
+from orchestrator.score.gather import Gathered, Gatherer, gather
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import Evidence, score_gathered
 from orchestrator.testing import claims
-from orchestrator.testing.claims import Claim, Names
+from orchestrator.testing.claims import Claim, Names, Trial
 from orchestrator.testing.consistency import consistent
 from orchestrator.topology.resolved import Topology
+from orchestrator.topology_score import score_topology
 
 _SEEDS_SHOWN = 5
 
 
 class TrialError(RuntimeError):
     """A trial came to no score; the text tells the seed, what failed, and where the log is."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One run: its seed, its score, and the arrays that the score was computed from."""
-
-    seed: int
-    score: Score
-    evidence: Evidence
 
 
 class Trials:
@@ -227,7 +217,7 @@ def _run_in_memory(topology: Topology, logs: Path) -> Trial:
     except NodeError as error:
         report = _run_with_log(topology, logs, "inprocess")
         _fail(topology, str(error), report.directory / LOG, error)
-    return _trial(topology, gatherer)
+    return _trial(topology, gatherer.finish())
 
 
 def _run_in_processes(topology: Topology, logs: Path) -> Trial:
@@ -238,10 +228,8 @@ def _run_in_processes(topology: Topology, logs: Path) -> Trial:
     log = report.directory / LOG
     if report.exit_code not in (exit_codes.PASSED, exit_codes.EXPECTATION_FAILED):
         _fail(topology, report.message, log)
-    gatherer = Gatherer(topology.plan)
-    for topic, message in read_log(log).records():
-        gatherer.take(topic, message)
-    return _trial(topology, gatherer)
+    held = read_log(log)
+    return _trial(topology, gather(topology.plan, held.records()), held.departed)
 
 
 def _run_with_log(topology: Topology, logs: Path, backend: Backend) -> RunReport:
@@ -260,11 +248,5 @@ def _fail(topology: Topology, message: str, log: Path, cause: BaseException | No
     raise TrialError(f"{place}: {message}\nlog up to there: {log}") from cause
 
 
-def _trial(topology: Topology, gatherer: Gatherer) -> Trial:
-    settings: dict[str, Any] = {
-        "state_groups": topology.state_groups,
-        "options": topology.score_options,
-        "expectations": topology.expectations,
-    }
-    score, evidence = score_gathered(topology.plan, gatherer.finish(), **settings)
-    return Trial(topology.plan.seed, score, evidence)
+def _trial(topology: Topology, gathered: Gathered, departed: Mapping[str, int] | None = None) -> Trial:
+    return Trial(topology.plan.seed, *score_topology(topology, gathered, departed))

@@ -8,34 +8,23 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from bus.messages import Message
-from orchestrator.backends.inprocess import run_messages
 from orchestrator.registry import BUILT_IN
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import score
 from orchestrator.score.verdict import print_verdict
 from orchestrator.topology.load import load_topology
+from tests.playing import scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "adversary"
 KINDS = sorted(path.stem for path in FOLDER.glob("[a-z]*.yaml") if path.stem in BUILT_IN["attacks"])
 
 
-def scored(name: str, *overrides: str) -> Score:
-    topology = load_topology(FOLDER / f"{name}.yaml", list(overrides))
-    messages: list[tuple[str, Message]] = []
-    run_messages(topology.plan, lambda topic, message: messages.append((topic, message)))
-    return score(
-        topology.plan,
-        messages,
-        state_groups=topology.state_groups,
-        options=topology.score_options,
-        expectations=topology.expectations,
-    )
+def played(name: str, *overrides: str) -> Score:
+    return scored(load_topology(FOLDER / f"{name}.yaml", list(overrides)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_topology_of_an_attack_holds_what_it_expects(kind: str) -> None:
-    result = scored(kind)
+    result = played(kind)
     assert [outcome.message for outcome in result.expectations if not outcome.passed] == []
     assert len(result.expectations) > 2
     assert result.passed
@@ -43,16 +32,16 @@ def test_a_topology_of_an_attack_holds_what_it_expects(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_its_expectations_fail_without_the_attack(kind: str) -> None:
-    assert not scored(kind, "attacks=null").passed
+    assert not played(kind, "attacks=null").passed
 
 
 def test_with_the_keys_sybil_packets_pass() -> None:
-    packets = scored("sybil", "adversary={knows: [keys]}", "expect=null").traffic
+    packets = played("sybil", "adversary={knows: [keys]}", "expect=null").traffic
     assert (packets.injected, packets.refused) == (20, 0)
 
 
 def test_a_replay_with_old_headers_gives_itself_away() -> None:
-    result = scored("replay", "attacks[0].replay.rewrite=false", "expect=null")
+    result = played("replay", "attacks[0].replay.rewrite=false", "expect=null")
     assert result.traffic.attacked == 20
     assert not result.lockouts
 
@@ -60,7 +49,7 @@ def test_a_replay_with_old_headers_gives_itself_away() -> None:
 def test_the_verdict_mentions_injected_and_refused_packets_only_where_there_are_some() -> None:
     def packet_line(kind: str) -> str:
         console = Console(width=200, record=True, file=io.StringIO())
-        print_verdict(scored(kind), console)
+        print_verdict(played(kind), console)
         (line,) = [line for line in console.export_text().splitlines() if line.startswith("Packets:")]
         return line
 

@@ -6,40 +6,29 @@ from pathlib import Path
 
 import pytest
 
-from bus.messages import Message
-from orchestrator.backends.inprocess import run_messages
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import score
 from orchestrator.topology.load import load_topology
+from tests.playing import assert_keeps_what_it_expects, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "distributed"
 ALONE = ("kalman_consensus", "information_consensus", "diffusion_kalman", "covariance_intersection")
 
 
 def played(stem: str) -> Score:
-    topology = load_topology(FOLDER / f"{stem}.yaml")
-    record: list[tuple[str, Message]] = []
-    run_messages(topology.plan, lambda topic, message: record.append((topic, message)))
-    return score(
-        topology.plan,
-        record,
-        state_groups=topology.state_groups,
-        options=topology.score_options,
-        expectations=topology.expectations,
-    )
+    return scored(load_topology(FOLDER / f"{stem}.yaml"))
 
 
 @pytest.mark.parametrize("stem", ALONE)
 def test_each_method_keeps_what_its_topology_promises(stem: str) -> None:
     found = played(stem)
-    assert found.passed, [outcome.message for outcome in found.expectations if not outcome.passed]
+    assert_keeps_what_it_expects(found)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stem", ["comparison", "comparison_loss"])
 def test_the_comparison_keeps_what_it_promises(stem: str) -> None:
     found = played(stem)
-    assert found.passed, [outcome.message for outcome in found.expectations if not outcome.passed]
+    assert_keeps_what_it_expects(found)
 
 
 def test_every_topology_of_the_folder_is_run_here() -> None:

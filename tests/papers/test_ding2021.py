@@ -22,9 +22,9 @@ from nodes.build import build_plant, build_sensor
 from orchestrator.advice import advice
 from orchestrator.backends.inprocess import run_messages
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import score
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.resolved import Topology
+from tests.playing import assert_keeps_what_it_expects, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "ding2021"
 QUICK, FULL = 5, 100
@@ -67,14 +67,7 @@ def carry_out(topology: Topology) -> Record:
             messages.append((topic, message))
 
     run_messages(topology.plan, keep)
-    result = score(
-        topology.plan,
-        messages,
-        state_groups=topology.state_groups,
-        options=topology.score_options,
-        expectations=topology.expectations,
-    )
-    return Record(topology, messages, result)
+    return Record(topology, messages, scored(topology, messages))
 
 
 def load(name: str, *overrides: str, expect: bool = False) -> Topology:
@@ -141,8 +134,7 @@ FILES = [path.stem for path in sorted(FOLDER.glob("*.yaml")) if not path.stem.st
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_file_holds_what_it_expects(name: str) -> None:
-    result = carry_out(load(name, expect=True)).score
-    assert result.passed, [outcome.message for outcome in result.expectations if not outcome.passed]
+    assert_keeps_what_it_expects(carry_out(load(name, expect=True)).score)
 
 
 def test_without_coupling_and_detector_every_node_is_a_kalman_filter_of_another_library() -> None:

@@ -15,9 +15,9 @@ import pytest
 
 from bus.messages import ChannelEvents, Estimate, Message, Truth
 from orchestrator.backends.inprocess import run_messages
-from orchestrator.score.scoring import score
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.problems import TopologyError
+from tests.playing import assert_keeps_what_it_expects, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "forti2019"
 FILES = [path.stem for path in sorted(FOLDER.glob("*.yaml")) if not path.stem.startswith("_")]
@@ -130,17 +130,7 @@ def window(run: Run, attacked: bool) -> np.ndarray:
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_file_holds_what_it_expects(name: str) -> None:
-    topology = load_topology(FOLDER / f"{name}.yaml")
-    messages: list[tuple[str, Message]] = []
-    run_messages(topology.plan, lambda topic, message: messages.append((topic, message)))
-    result = score(
-        topology.plan,
-        messages,
-        state_groups=topology.state_groups,
-        options=topology.score_options,
-        expectations=topology.expectations,
-    )
-    assert result.passed, [outcome.message for outcome in result.expectations if not outcome.passed]
+    assert_keeps_what_it_expects(scored(load_topology(FOLDER / f"{name}.yaml")))
 
 
 def test_a_signal_of_another_size_than_the_swinging_network_takes_is_refused() -> None:

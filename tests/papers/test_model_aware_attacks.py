@@ -16,17 +16,16 @@ import pytest
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 from scipy.stats import binom, chi2, ncx2
 
-from bus.messages import Estimate, Message, Truth
+from bus.messages import Estimate, Truth
 from bus.plan import Plan
 from channel.invariant_zeros import invariant_zeros
 from nodes.build import build_controller, build_plant, build_sensor
 from nodes.contract import LinearSensor
 from nodes.controllers.state_feedback import StateFeedback
 from nodes.plants.linear import Linear
-from orchestrator.backends.inprocess import run_messages
-from orchestrator.score.scoring import score
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.resolved import Topology
+from tests.playing import assert_keeps_what_it_expects, record_of, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "adversary"
 FILES = [path.stem for path in sorted(FOLDER.glob("*.yaml")) if not path.stem.startswith("_")]
@@ -65,9 +64,8 @@ def loaded(name: str, *overrides: str) -> Topology:
 
 @lru_cache(maxsize=8 * FULL)
 def play(name: str, trial: int, *overrides: str) -> Run:
-    messages: list[tuple[str, Message]] = []
-    plan = loaded(name, *overrides).at(trial=trial).plan
-    run_messages(plan, lambda topic, message: messages.append((topic, message)))
+    topology = loaded(name, *overrides).at(trial=trial)
+    plan, messages = topology.plan, record_of(topology)
     truth = np.array([message.state for _, message in messages if isinstance(message, Truth)])
     told: dict[str, list[Estimate]] = {own.name: [] for own in plan.estimators}
     for topic, message in messages:
@@ -125,17 +123,7 @@ NO_ATTACK = ("attacks=null",)
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_file_holds_what_it_expects(name: str) -> None:
-    topology = load_topology(FOLDER / f"{name}.yaml")
-    messages: list[tuple[str, Message]] = []
-    run_messages(topology.plan, lambda topic, message: messages.append((topic, message)))
-    result = score(
-        topology.plan,
-        messages,
-        state_groups=topology.state_groups,
-        options=topology.score_options,
-        expectations=topology.expectations,
-    )
-    assert result.passed, [outcome.message for outcome in result.expectations if not outcome.passed]
+    assert_keeps_what_it_expects(scored(load_topology(FOLDER / f"{name}.yaml")))
 
 
 # Zero dynamics --------------------------------------------------------------------------------------------

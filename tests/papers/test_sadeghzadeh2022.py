@@ -28,8 +28,8 @@ from nodes.gaussian import Gaussian
 from nodes.plants.quadruple_tank import QuadrupleTank
 from nodes.sensors.linear import Linear as LinearSensor
 from orchestrator.backends.inprocess import run_messages
-from orchestrator.score.scoring import score
 from orchestrator.topology.load import load_topology
+from tests.playing import assert_keeps_what_it_expects, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "sadeghzadeh2022"
 FILES = [path.stem for path in sorted(FOLDER.glob("*.yaml")) if not path.stem.startswith("_")]
@@ -174,16 +174,7 @@ def within(name: str, value: float, low: float, high: float, number: int) -> Non
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_file_holds_what_it_expects(name: str) -> None:
-    topology, messages = load_topology(FOLDER / f"{name}.yaml"), list[tuple[str, Message]]()
-    run_messages(topology.plan, lambda topic, message: messages.append((topic, message)))
-    result = score(
-        topology.plan,
-        messages,
-        state_groups=topology.state_groups,
-        options=topology.score_options,
-        expectations=topology.expectations,
-    )
-    assert result.passed, [outcome.message for outcome in result.expectations if not outcome.passed]
+    assert_keeps_what_it_expects(scored(load_topology(FOLDER / f"{name}.yaml")))
 
 
 def test_through_the_channel_the_told_filter_is_the_clean_one_until_its_first_wrong_verdict() -> None:

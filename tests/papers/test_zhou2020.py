@@ -15,12 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bus.messages import Estimate, Inbox, Message, Transmission, Truth
+from bus.messages import Estimate, Inbox, Transmission, Truth
 from nodes.build import build_plant, build_sensor
-from orchestrator.backends.inprocess import run_messages
-from orchestrator.score.scoring import score
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.resolved import Topology
+from tests.playing import assert_keeps_what_it_expects, record_of, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "zhou2020"
 FILES = [path.stem for path in sorted(FOLDER.glob("*.yaml")) if not path.stem.startswith("_")]
@@ -62,12 +61,6 @@ class Run:
         return bool(self.error[:, -1].mean() > LOST_M)
 
 
-def messages_of(topology: Topology) -> list[tuple[str, Message]]:
-    messages: list[tuple[str, Message]] = []
-    run_messages(topology.plan, lambda topic, message: messages.append((topic, message)))
-    return messages
-
-
 @cache
 def topology_of(name: str, overrides: tuple[str, ...]) -> Topology:
     return load_topology(FOLDER / f"{name}.yaml", [*overrides, "expect=null"])
@@ -77,7 +70,7 @@ def topology_of(name: str, overrides: tuple[str, ...]) -> Topology:
 def run(name: str, trial: int, *overrides: str) -> Run:
     topology = topology_of(name, overrides)
     truth, estimates = dict[int, np.ndarray](), dict[tuple[str, int], Estimate]()
-    for topic, message in messages_of(topology.at(trial=trial)):
+    for topic, message in record_of(topology.at(trial=trial)):
         if isinstance(message, Truth):
             truth[message.step] = np.array(message.state)
         elif isinstance(message, Estimate):
@@ -134,15 +127,7 @@ def dead_reckoning(found: list[Run]) -> float:
 def test_the_file_holds_what_it_expects(name: str) -> None:
     if "lmi" in name and find_spec("cvxpy") is None:
         pytest.skip("the extra 'lmi' is not installed")
-    topology = load_topology(FOLDER / f"{name}.yaml")
-    result = score(
-        topology.plan,
-        messages_of(topology),
-        state_groups=topology.state_groups,
-        options=topology.score_options,
-        expectations=topology.expectations,
-    )
-    assert result.passed, [outcome.message for outcome in result.expectations if not outcome.passed]
+    assert_keeps_what_it_expects(scored(load_topology(FOLDER / f"{name}.yaml")))
 
 
 def test_the_record_shows_the_attack_the_trigger_and_what_a_quiet_slot_still_carries() -> None:
@@ -150,7 +135,7 @@ def test_the_record_shows_the_attack_the_trigger_and_what_a_quiet_slot_still_car
     plant = build_plant(topology.plan)
     cameras = [build_sensor(topology.plan, f"s{i}", plant) for i in range(1, 9)]
     genuine, received, slots = {}, {}, {}
-    for topic, message in messages_of(topology):
+    for topic, message in record_of(topology):
         if isinstance(message, Transmission) and topic.endswith("/measurement"):
             genuine[message.step, topic.split("/")[1][1:]] = np.array(message.values)
         elif isinstance(message, Transmission) and topic.endswith("/exchange"):

@@ -8,38 +8,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bus.messages import ChannelEvents, Estimate, Message, Transmission
+from bus.messages import ChannelEvents, Estimate, Transmission
 from bus.packets import Packet, Vector
 from nodes.contract import Belief, Setting
 from nodes.estimators.kalman import Kalman
-from orchestrator.backends.inprocess import run_messages
 from orchestrator.run import run_topology
 from orchestrator.score.results import Score
-from orchestrator.score.scoring import score
 from orchestrator.topology.load import load_topology
+from tests.playing import Record, assert_keeps_what_it_expects, record_of, scored
 
 TOPOLOGIES = sorted((Path(__file__).parents[2] / "topologies" / "triggers").glob("[a-z]*.yaml"))
-Record = list[tuple[str, Message]]
 
 
 def played(path: Path, overrides: Sequence[str] = ()) -> tuple[Record, Score]:
     topology = load_topology(path, overrides)
-    record: Record = []
-    run_messages(topology.plan, lambda topic, message: record.append((topic, message)))
-    found = score(
-        topology.plan,
-        record,
-        state_groups=topology.state_groups,
-        options=topology.score_options,
-        expectations=topology.expectations,
-    )
-    return record, found
+    record = record_of(topology)
+    return record, scored(topology, record)
 
 
 @pytest.mark.parametrize("path", TOPOLOGIES, ids=lambda path: path.stem)
 def test_every_example_keeps_what_it_promises(path: Path) -> None:
     _, found = played(path)
-    assert found.passed, [outcome.message for outcome in found.expectations if not outcome.passed]
+    assert_keeps_what_it_expects(found)
 
 
 def test_the_rate_is_the_share_of_slots_that_were_filled(tmp_path: Path) -> None:

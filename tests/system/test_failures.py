@@ -10,7 +10,10 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
+from orchestrator.evidence.sources import load_source
+from orchestrator.handoff import load
 from orchestrator.log.reader import read_log
+from orchestrator.report.recording import read_recording
 from tests.system.conftest import PLUGIN, SMALL, Gauntlet, process_exists, wait_until
 
 PROCESSES = 10  # plant, 4 sensors, 4 estimators, channel
@@ -101,6 +104,10 @@ def test_what_a_node_raises_ends_no_run_that_may_go_on_without_it(gauntlet: Gaun
     run = gauntlet.run(with_fault(gauntlet, "raise"), "--set", "process.on_crash={e4: silence}")
     assert run.process.returncode == 0, run.errors
     assert run.score()["departed"] == {"e4": 20}
+    verdict = (run.out / "score.json").read_bytes()
+    assert load(run.out).score.to_json() == verdict
+    assert read_recording(run.out / "run.mcap").score.to_json() == verdict
+    assert load_source(run.out).table.column("complete").to_pylist() == [True] * 4
 
 
 def test_a_hanging_node_is_named_with_the_slot_that_others_wait_for(gauntlet: Gauntlet) -> None:

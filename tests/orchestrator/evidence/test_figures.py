@@ -11,6 +11,7 @@ import pytest
 
 from orchestrator.campaign.grid import GridError, lay_grid
 from orchestrator.campaign.sweep import Request, prepare, sweep
+from orchestrator.command_line.campaign_output import QuietProgress
 from orchestrator.errors import InputError
 from orchestrator.evidence.columns import ColumnError, Rows, select, state_groups
 from orchestrator.evidence.detectors import delays, detection, judged_packets
@@ -53,14 +54,6 @@ attacks:
 TRIALS = 12
 
 
-class Silent:
-    """Progress that nobody watches."""
-
-    def begin(self, total: int, done: int) -> None: ...
-
-    def advance(self, finished: int, failed: int) -> None: ...
-
-
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Source:
     """A campaign of a topology and its unattacked twin."""
@@ -68,7 +61,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Source:
     file = directory / "small.yaml"
     file.write_text(TOPOLOGY)
     request = Request(file, TRIALS, out=directory / "out", twins=True)
-    return load_source(sweep(prepare(request), Silent()))
+    return load_source(sweep(prepare(request), QuietProgress()))
 
 
 def rows(campaign: Source, node: str, variant: int = 0) -> Rows:

@@ -12,7 +12,10 @@ import pytest
 from orchestrator.run import run_topology
 from orchestrator.topology.load import load_topology
 from tests.orchestrator.evidence.conftest import SMALL
+from tests.orchestrator.log.conftest import log_path, plan, ring, traffic
 from tests.orchestrator.testing.conftest import RAISING
+
+__all__ = ["campaign", "home", "log_path", "plan", "ring", "traffic"]
 
 ROOT = Path(__file__).parents[3]
 METHODS = "estimators.lone.method=kalman,./raising.py:Raising"

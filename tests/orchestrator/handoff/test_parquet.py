@@ -8,9 +8,9 @@ import polars as pl
 import pytest
 
 from orchestrator.handoff import load
+from orchestrator.handoff.export import export
 from orchestrator.handoff.run import TABLES
 from orchestrator.log.errors import LogError
-from orchestrator.log.export import export
 
 
 def test_parquet_holds_every_frame_with_its_types(home: Path, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from orchestrator.command_line.campaign_output import QuietProgress
 from orchestrator.report.contents import Page
 from orchestrator.report.export import find_browser
 from orchestrator.run import run_topology
@@ -111,14 +112,6 @@ expect:
 """
 
 
-class _Quiet:
-    """Hears of progress, and tells nobody."""
-
-    def begin(self, total: int, done: int) -> None: ...
-
-    def advance(self, finished: int, failed: int) -> None: ...
-
-
 @pytest.fixture(scope="session")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The directory of a campaign of three trials, and of their unattacked twins."""
@@ -132,7 +125,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
         out=home / "campaign",
         twins=True,
     )
-    return sweep(prepare(request), _Quiet())
+    return sweep(prepare(request), QuietProgress())
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -13,13 +12,12 @@ import msgspec
 import numpy as np
 
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
+from orchestrator.handoff.columns import COUNTS, event_rows, link_rows, packet_rows
 from orchestrator.log.errors import LogError
 from orchestrator.log.reader import Log, read_log
 
 Format = Literal["csv", "jsonl", "npz", "parquet"]
 Row = Sequence[Any]
-
-_COUNTS = ("sent", "lost", "attacked", "delivered", "injected", "duplicated", "refused", "in_flight")
 
 _SCALARS = frozenset({"step", "t", "nis", "refers_to"})
 
@@ -28,45 +26,9 @@ def _node(topic: str) -> str:
     return topic.split("/")[1]
 
 
-def _values(message: Transmission | Inbox) -> list[str]:
-    """Return the values of each packet of a slot, as text with blanks between."""
-    bounds = pairwise([*message.offset, len(message.values)])
-    return [" ".join(map(repr, message.values[begin:end])) for begin, end in bounds]
-
-
-def _packet_rows(topic: str, message: Transmission | Inbox) -> Iterator[Row]:
-    """Yield a row a packet: as it was sent (tx), or as it was received (rx)."""
-    direction, node, stream = topic.split("/")
-    begin = (message.step, message.t, direction, node, message.round)
-    values = _values(message)
-    if isinstance(message, Transmission):
-        for sequence, text in zip(message.sequence, values, strict=True):
-            yield (*begin, stream, node, message.step, sequence, text)
-    else:
-        packets = zip(message.kind, message.source, message.sent_step, message.sequence, values, strict=True)
-        for packet in packets:
-            yield (*begin, *packet)
-
-
-def _account_rows(topic: str, message: ChannelEvents) -> Iterator[Row]:
-    begin = (message.step, message.t, _node(topic), message.round)
-    counts = [getattr(message, name) or [0] * len(message.link) for name in _COUNTS]
-    for account in zip(message.link, *counts, strict=True):
-        yield (*begin, *account)
-
-
-def _event_rows(topic: str, message: ChannelEvents) -> Iterator[Row]:
-    begin = (message.step, message.t, _node(topic), message.round)
-    events = zip(
-        message.event_link,
-        message.event_stage,
-        message.event_sequence,
-        message.event_action,
-        message.event_magnitude,
-        strict=True,
-    )
-    for event in events:
-        yield (*begin, *event)
+def _in_one_cell(packet: Row) -> Row:
+    """Return a packet's row with its values, which come last, as text with blanks between."""
+    return (*packet[:-1], " ".join(map(repr, packet[-1])))
 
 
 def _detection_rows(topic: str, message: Estimate) -> Iterator[Row]:
@@ -104,7 +66,7 @@ class _Tables:
         self._packets = self._open(
             "packets", "step t direction node round stream source sent_step sequence values"
         )
-        self._links = self._open("links", "step t phase round link", _COUNTS)
+        self._links = self._open("links", "step t phase round link", COUNTS)
         self._events = self._open("events", "step t phase round link stage sequence action magnitude")
 
     def _open(self, name: str, columns: str, more: Sequence[str] = ()) -> Callable[[Row], Any]:
@@ -119,12 +81,12 @@ class _Tables:
         if isinstance(message, Truth):
             self._truth([message.step, message.t, *message.state])
         elif isinstance(message, Transmission | Inbox):
-            for row in _packet_rows(topic, message):
-                self._packets(row)
+            for row in packet_rows(topic, message):
+                self._packets(_in_one_cell(row))
         elif isinstance(message, ChannelEvents):
-            for row in _account_rows(topic, message):
+            for row in link_rows(_node(topic), message):
                 self._links(row)
-            for row in _event_rows(topic, message):
+            for row in event_rows(_node(topic), message):
                 self._events(row)
         elif isinstance(message, Estimate):
             head = [message.step, message.t, _node(topic), message.refers_to, message.diverged]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bus.messages import Estimate, Transmission, encode
+from orchestrator.handoff.export import export
 from orchestrator.log.errors import LogError
-from orchestrator.log.export import export
 from orchestrator.log.reader import read_log
 
 

@@ -1,0 +1,30 @@
+"""Topologies played in this process: what their nodes and channel said, and the score of it."""
+
+from __future__ import annotations
+
+from bus.messages import Message
+from orchestrator.backends.inprocess import run_messages
+from orchestrator.score.gather import gather
+from orchestrator.score.results import Score
+from orchestrator.topology.resolved import Topology
+from orchestrator.topology_score import score_topology
+
+Record = list[tuple[str, Message]]
+
+
+def record_of(topology: Topology) -> Record:
+    """Run a topology and return all its messages."""
+    record: Record = []
+    run_messages(topology.plan, lambda topic, message: record.append((topic, message)))
+    return record
+
+
+def scored(topology: Topology, record: Record | None = None) -> Score:
+    """Return the score of a record of the topology; without one it is played."""
+    record = record_of(topology) if record is None else record
+    return score_topology(topology, gather(topology.plan, record))[0]
+
+
+def assert_keeps_what_it_expects(score: Score) -> None:
+    """Assert that the run is complete and every expectation held."""
+    assert score.passed, [outcome.message for outcome in score.expectations if not outcome.passed]
