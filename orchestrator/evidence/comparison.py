@@ -203,10 +203,9 @@ def _remarks_on_rows(contender: Contender) -> Iterator[str]:
     for node, attacks in rows.privileged.items():
         yield f"{contender.name}: an oracle tells {node} of {attacks}, which no honest estimator knows"
     if rows.incomplete:
-        yield (
-            f"{contender.name}: the record of {rows.incomplete} of {rows.trials} trials is incomplete; "
-            "figures are those of what is there"
-        )
+        total = rows.trials
+        record = "its record" if total == 1 else f"the record of {rows.incomplete} of {total} trials"
+        yield f"{contender.name}: {record} is incomplete; figures are those of what is there"
 
 
 def _remarks(name: str, metric: str, own: Sample) -> Iterator[str]:
