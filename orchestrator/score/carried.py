@@ -6,10 +6,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from bus.messages import TOPIC_TYPES, ChannelEvents, Estimate, Inbox
-from bus.packets import Delivery, Sending, Vector
+from bus.packets import Delivery, Sending
 from nodes.published import Published
 from orchestrator.score.gather import Gatherer
 
@@ -75,23 +73,7 @@ class Carried:
 
     def _take_beliefs(self, name: str, beliefs: list[Published]) -> None:
         gatherer = self._gatherer
-        node, incoming, rows = gatherer.estimators[name], gatherer.incoming[name], gatherer.verdicts
-        for own in beliefs:
-            sizes = own.state.size, own.covariance.size
-            gatherer.estimates.extend((node, own.step, own.refers_to, own.diverged, own.nis_dof, *sizes))
-        gatherer.nis.extend([own.nis for own in beliefs])
-        gatherer.state.frombytes(_bytes([own.state for own in beliefs]))
-        gatherer.covariance.frombytes(_bytes([own.covariance.ravel() for own in beliefs]))
-        detections = [detection for own in beliefs for detection in own.detections]
-        rows.link.extend([incoming[detection.source] for detection in detections])
-        rows.step.extend([own.step for own in beliefs for _ in own.detections])
-        rows.sequence.extend([detection.sequence for detection in detections])
-        rows.mark.extend([bool(detection.alarm) for detection in detections])
-        rows.value.extend([detection.statistic for detection in detections])
+        gatherer.estimates.take_beliefs(name, beliefs)
         for own in beliefs:
             if own.diagnostics and gatherer.speaks(tuple(own.diagnostics)):
                 gatherer.take_diagnostics(name, own)
-
-
-def _bytes(arrays: list[Vector]) -> bytes:
-    return np.concatenate(arrays, dtype=np.float64).tobytes() if arrays else b""

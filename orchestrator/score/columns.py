@@ -28,6 +28,13 @@ class ScoreError(InputError):
     """The record does not fit its plan; the message says where."""
 
 
+class Index(dict[str, int]):
+    """Indices by name; -1 for an unknown name."""
+
+    def __missing__(self, name: str) -> int:
+        return -1
+
+
 @dataclass(frozen=True)
 class Packets:
     """Rows that concern one packet each: ``link`` (its index in the plan, -1: none), ``step``, ``sequence``.
