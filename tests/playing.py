@@ -11,6 +11,20 @@ from orchestrator.topology_score import score_topology
 
 Record = list[tuple[str, Message]]
 
+RING = """
+name: {name}
+seed: {seed}
+period_s: 0.1
+steps: {steps}
+plant: {{model: constant_acceleration, process_noise: {{std: 0.2}}, initial: {{std: 1.0}}}}
+graph: {{ring: {{nodes: 3}}}}
+sensors:
+  s1..s3: {{model: linear, C: [[1.0, 0.0, 0.0]], noise: {{std: 0.1}}}}
+estimators:
+  e1..e3: {{method: secure_distributed, coupling: 0.01}}
+"""
+"""The head of a small topology, to be formatted: three estimators on a ring. Tests add to it."""
+
 
 def record_of(topology: Topology) -> Record:
     """Run a topology and return all its messages."""

@@ -15,22 +15,15 @@ import pyarrow.parquet as pq
 import pytest
 
 from orchestrator.campaign.sweep import Request, prepare, sweep
+from tests.playing import RING
 
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
 COMMAND = [sys.executable, "-m", "orchestrator.command_line.app"]
 
-SMALL = """
-name: small
-seed: 7
-period_s: 0.1
-steps: 12
-plant: {model: constant_acceleration, process_noise: {std: 0.2}, initial: {std: 1.0}}
-graph: {ring: {nodes: 3}}
-sensors:
-  s1..s3: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
-estimators:
-  e1..e3: {method: secure_distributed, coupling: 0.01}
+SMALL = (
+    RING.format(name="small", seed=7, steps=12)
+    + """\
 channel:
   e*->e*: {gilbert_elliott: {failure: 0.2, recovery: 0.5}}
 attacks:
@@ -38,6 +31,7 @@ attacks:
 expect:
   rmse.position: {at_most: 0.15}
 """
+)
 
 MOODY = '''
 import os

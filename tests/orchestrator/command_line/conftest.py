@@ -17,21 +17,14 @@ from orchestrator.command_line.app import main
 from orchestrator.run import run_topology
 from orchestrator.run_directory import make_run_directory
 from orchestrator.topology.load import load_topology
+from tests.playing import RING
 
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 60.0
 
-SMALL = """
-name: small
-seed: 7
-period_s: 0.1
-steps: 24
-plant: {model: constant_acceleration, process_noise: {std: 0.2}, initial: {std: 1.0}}
-graph: {ring: {nodes: 3}}
-sensors:
-  s1..s3: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
-estimators:
-  e1..e3: {method: secure_distributed, coupling: 0.01}
+SMALL = (
+    RING.format(name="small", seed=7, steps=24)
+    + """\
 channel:
   e*->e*: {gilbert_elliott: {failure: 0.2, recovery: 0.5}}
 attacks:
@@ -39,6 +32,7 @@ attacks:
 expect:
   divergences: 0
 """
+)
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,11 @@ from orchestrator.run_directory import make_run_directory
 from orchestrator.topology.experiment import topology_from_experiment
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.resolved import Topology
+from tests.playing import RING
 
-SMALL = """
-name: small
-seed: 7
-period_s: 0.1
-steps: 24
-plant: {model: constant_acceleration, process_noise: {std: 0.2}, initial: {std: 1.0}}
-graph: {ring: {nodes: 3}}
-sensors:
-  s1..s3: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
-estimators:
-  e1..e3: {method: secure_distributed, coupling: 0.01}
+SMALL = (
+    RING.format(name="small", seed=7, steps=24)
+    + """\
   lone: {method: kalman, sensors: [s1, s3]}
 channel:
   e*->e*: {gilbert_elliott: {failure: 0.2, recovery: 0.5}}
@@ -31,6 +24,7 @@ attacks:
   - {bias: {value: 5.0}, on: s2->e2, steps: [10, 15]}
 score: {from_step: 4, node_series: true, detection_grace: 2}
 """
+)
 
 
 @pytest.fixture(scope="session")

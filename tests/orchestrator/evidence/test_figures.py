@@ -32,18 +32,11 @@ from orchestrator.evidence.table import schema, table
 from orchestrator.evidence.timing import step_time
 from orchestrator.run import RunReport
 from orchestrator.topology.resolved import Topology
+from tests.playing import RING
 
-TOPOLOGY = """
-name: small
-seed: 7
-period_s: 0.1
-steps: 40
-plant: {model: constant_acceleration, process_noise: {std: 0.2}, initial: {std: 1.0}}
-graph: {ring: {nodes: 3}}
-sensors:
-  s1..s3: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
-estimators:
-  e1..e3: {method: secure_distributed, coupling: 0.01}
+TOPOLOGY = (
+    RING.format(name="small", seed=7, steps=40)
+    + """\
   lone: {method: kalman, sensors: [s1, s3]}
   hub: {method: kalman, sensors: [s1, s2, s3], threshold: 9.0, on_alarm: reject}
 channel:
@@ -51,6 +44,7 @@ channel:
 attacks:
   - {bias: {value: 1.0}, on: s2->*, steps: [20, 27]}
 """
+)
 TRIALS = 12
 
 

@@ -15,21 +15,14 @@ from orchestrator.run import run_topology
 from orchestrator.run_directory import make_run_directory
 from orchestrator.topology.load import load_topology
 from tests.orchestrator.report.looking import Look, look_at
+from tests.playing import RING
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-ATTACKED = """
-name: attacked-run
-seed: 7
-period_s: 0.1
-steps: 60
-plant: {model: constant_acceleration, process_noise: {std: 0.2}, initial: {std: 1.0}}
-graph: {ring: {nodes: 3}}
-sensors:
-  s1..s3: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
-estimators:
-  e1..e3: {method: secure_distributed, coupling: 0.01}
+ATTACKED = (
+    RING.format(name="attacked-run", seed=7, steps=60)
+    + """\
   lone: {method: kalman, sensors: [s1, s3]}
 channel:
   e*->e*: {gilbert_elliott: {failure: 0.2, recovery: 0.5}}
@@ -41,6 +34,7 @@ expect:
   divergences: 0
   rmse.position: {node: e1, at_most: 0.001}
 """
+)
 
 
 @pytest.fixture(scope="session")
@@ -92,17 +86,9 @@ def narrow(browser: Browser, run_file: Path) -> Iterator[Look]:
         yield look
 
 
-SWEPT = """
-name: swept
-seed: 3
-period_s: 0.1
-steps: 30
-plant: {model: constant_acceleration, process_noise: {std: 0.2}, initial: {std: 1.0}}
-graph: {ring: {nodes: 3}}
-sensors:
-  s1..s3: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
-estimators:
-  e1..e3: {method: secure_distributed, coupling: 0.01}
+SWEPT = (
+    RING.format(name="swept", seed=3, steps=30)
+    + """\
   lone: {method: kalman, sensors: [s1]}
   strict: {method: kalman, sensors: [s1], threshold: 9.0}
 attacks:
@@ -110,6 +96,7 @@ attacks:
 expect:
   divergences: 0
 """
+)
 
 
 @pytest.fixture(scope="session")
