@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import msgspec
 
@@ -28,6 +28,11 @@ class Happened(msgspec.Struct, frozen=True):
     delivered: array[int]
     counts: Mapping[str, Mapping[int, int]]
     events: Sequence[Event]
+
+    @property
+    def all_zero(self) -> Collection[str]:
+        """What none of the links counted."""
+        return [what for what, counts in self.counts.items() if not counts]
 
     def _spread(self, what: str) -> list[int]:
         counts = self.counts[what]
@@ -115,3 +120,11 @@ class Happened(msgspec.Struct, frozen=True):
             event_action=self.event_action,
             event_magnitude=self.event_magnitude,
         )
+
+
+def events_of(message: ChannelEvents | Happened) -> Sequence[Event]:
+    """Return what happened to single packets; raises ValueError when its lists do not fit one another."""
+    if isinstance(message, Happened):
+        return message.events
+    columns = (message.event_link, message.event_stage, message.event_sequence, message.event_action)
+    return [Event(*event) for event in zip(*columns, message.event_magnitude, strict=True)]

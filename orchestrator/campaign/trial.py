@@ -23,10 +23,6 @@ _WINDOW = 1
 """Steps that the plant may lead: with one, the time between two truths is that of a step."""
 
 
-_PACKED = 32
-"""Steps whose packets are gathered together: enough to be cheap, and few enough to be at hand."""
-
-
 @dataclass(frozen=True)
 class TrialTiming:
     """Wall-clock facts of one trial (s): all of it with its score, and the percentiles of its steps.
@@ -57,11 +53,11 @@ def run_trial(plan: Plan, logged: Topology, trial: int) -> tuple[list[Row], Tria
     own = replace(plan, trial=trial)
     here = logged.at(trial=trial)
     gatherer = Gatherer(here.plan)
-    carried = Carried(gatherer)
+    carried = Carried(here.plan, gatherer)
     stamps: list[float] = []
     try:
-        run_carried(own, _noting_steps(gatherer, carried, stamps), carried.taker, _WINDOW)
-        carried.pack()
+        run_carried(own, _noting_steps(gatherer, stamps), carried.taker, _WINDOW)
+        carried.complete()
         rows = gathered_rows(here, gatherer.finish())
     except Exception as error:
         print(f"{own.name}, trial {trial}:", file=sys.stderr)
@@ -71,15 +67,13 @@ def run_trial(plan: Plan, logged: Topology, trial: int) -> tuple[list[Row], Tria
     return rows, _timing(begun, stamps)
 
 
-def _noting_steps(gatherer: Gatherer, carried: Carried, stamps: list[float]) -> Sink:
-    """Return a sink that gathers every message, notes when each step begins, and packs what was carried."""
+def _noting_steps(gatherer: Gatherer, stamps: list[float]) -> Sink:
+    """Return a sink that gathers every message and notes when each step begins."""
     gather, clock = gatherer.take, time.perf_counter
 
     def take(topic: str, message: Message) -> None:
         if type(message) is Truth:
             stamps.append(clock())
-            if len(stamps) % _PACKED == 0:
-                carried.pack()
         gather(topic, message)
 
     return take

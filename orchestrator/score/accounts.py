@@ -18,16 +18,16 @@ class Accounts:
         self._plan = plan
         self._links = links
         self._open: dict[tuple[str, int], Ledger] = {}
-        self._ledgers: list[Ledger] = []
+        self.ledgers: list[Ledger] = []
         self._last: dict[tuple[str, int], ChannelEvents | Happened] = {}
 
     def take(self, topic: str, message: ChannelEvents | Happened) -> None:
         """Take the counts of one phase and round of a step."""
         place = topic, message.round
         ledger = self._open.get(place)
-        if ledger is None or ledger.link != message.link:
-            ledger = self._open[place] = Ledger(topic, message.link)
-            self._ledgers.append(ledger)
+        if ledger is None or (ledger.link is not message.link and ledger.link != message.link):
+            ledger = self._open[place] = Ledger(topic, message.round, message.link)
+            self.ledgers.append(ledger)
         ledger.take(message)
         last = self._last.get(place)
         if last is None or message.step > last.step:
@@ -36,7 +36,7 @@ class Accounts:
     def slots(self) -> Ints:
         """Return by link the slots that the channel passed."""
         slots = np.zeros(len(self._plan.links), dtype=np.int64)
-        for ledger in self._ledgers:
+        for ledger in self.ledgers:
             np.add.at(slots, [self._links[name] for name in ledger.link], len(ledger.step))
         return slots
 
@@ -44,7 +44,7 @@ class Accounts:
         """Return the slots with a packet by sender and step; one link of a sender tells for its stream."""
         senders = {name: i for i, name in enumerate(self._plan.node_names)}
         sent = np.zeros((len(senders), self._plan.steps), dtype=np.int64)
-        for ledger in self._ledgers:
+        for ledger in self.ledgers:
             if ledger.topic == keys.channel(keys.CONTROL) or not ledger.link:
                 continue
             first: dict[str, int] = {}  # a column by sender
@@ -60,14 +60,14 @@ class Accounts:
 
         ``acts`` are the rows about packets; one of a link or step outside the plan raises `ScoreError`.
         """
-        names = [name for ledger in self._ledgers for name in ledger.link]
+        names = [name for ledger in self.ledgers for name in ledger.link]
         if any(name not in self._links for name in names) or any((own.link < 0).any() for own in acts):
             raise ScoreError("the record holds packets of a link that the plan does not have")
-        for step in (*(own.step for own in acts), *(integers(own.step) for own in self._ledgers)):
+        for step in (*(own.step for own in acts), *(integers(own.step) for own in self.ledgers)):
             if step.size and not (step.min() >= 0 and step.max() < self._plan.steps):
                 raise ScoreError(f"the record holds packets of a step outside the plan's {self._plan.steps}")
         counts = np.zeros((len(COUNTS), len(self._plan.links)), dtype=np.int64)
-        for ledger in self._ledgers:
+        for ledger in self.ledgers:
             link = [self._links[name] for name in ledger.link]
             for row, name in zip(counts, ledger.counted, strict=False):
                 np.add.at(row, link, ledger.table(name).sum(axis=0))

@@ -81,6 +81,11 @@ def integers(column: array[int]) -> Ints:
     return np.array(column, dtype=np.int64)
 
 
+def whole(column: Ints) -> array[int]:
+    """Return an array as a column."""
+    return array("q", np.ascontiguousarray(column, dtype=np.int64).tobytes())
+
+
 class Payloads:
     """The payloads of delivered packets that somebody may have made, end to end."""
 
@@ -93,6 +98,10 @@ class Payloads:
         for packet in packets:
             self._sizes.append(packet.values.size)
             self._values.extend(packet.values.tolist())
+
+    def move(self, places: Ints) -> None:
+        """Note that the deliveries have been moved: the i-th now stands in ``places[i]``."""
+        self._places = whole(places[integers(self._places)])
 
     def norms(self, wanted: Bools) -> Floats:
         """Return the Euclidean norm of each payload that is wanted and was taken, NaN for the others."""
@@ -109,10 +118,11 @@ class Payloads:
 class Ledger:
     """The counts of one phase and round, step by step, of the links that its events name."""
 
-    __slots__ = ("counted", "link", "step", "topic")
+    __slots__ = ("counted", "link", "round", "step", "topic")
 
-    def __init__(self, topic: str, link: Sequence[str]) -> None:
+    def __init__(self, topic: str, round_: int, link: Sequence[str]) -> None:
         self.topic = topic
+        self.round = round_
         self.link = link
         self.step = array("q")
         self.counted: dict[str, array[int]] = {name: array("q") for name in COUNTS[:-1]}
@@ -123,8 +133,10 @@ class Ledger:
         counted = self.counted
         counted["sent"].extend(message.sent)
         counted["delivered"].extend(message.delivered)
+        zeros = message.all_zero if isinstance(message, Happened) else ()
         for name in _OFTEN_ZERO:
-            counted[name].extend(getattr(message, name))
+            if name not in zeros:
+                counted[name].extend(getattr(message, name))
 
     def table(self, name: str) -> Ints:
         """Return a count by step and link; the steps of one that is often left out are not told."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 
 from bus.messages import Estimate
-from bus.packets import Vector
 from bus.plan import Plan
 from nodes.published import Published
 from orchestrator.score.columns import (
@@ -43,6 +42,39 @@ class Estimates:
     nis_dof: Ints
 
 
+class _Table:
+    """Estimates by (estimator, step) in the making, N x K; of n state components once that is known."""
+
+    def __init__(self, estimators: int, steps: int) -> None:
+        size = estimators, steps
+        self.present, self.declared_diverged = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
+        self.refers_to, self.nis_dof = np.full(size, -1), np.zeros(size, dtype=np.int64)
+        self.nis = np.full(size, np.nan)
+        self.state: Floats = np.zeros((*size, 0))
+        self.covariance: Floats = np.zeros((*size, 0, 0))
+
+    def hold(self, n: int) -> None:
+        """Make room for states of n components, where there is none."""
+        if self.state.shape[2] < n:
+            self.state = np.full((*self.nis.shape, n), np.nan)
+            self.covariance = np.full((*self.nis.shape, n, n), np.nan)
+
+    def estimates(self, truth: Floats) -> Estimates:
+        """Return them, beside the truth (K, n)."""
+        known = (self.refers_to >= 0) & (self.refers_to < len(truth))
+        reference = np.where(known[:, :, None], truth[np.where(known, self.refers_to, 0)], np.nan)
+        return Estimates(
+            self.present,
+            self.declared_diverged,
+            self.refers_to,
+            self.state,
+            self.state - reference,
+            self.covariance,
+            self.nis,
+            self.nis_dof,
+        )
+
+
 class EstimateRows:
     """Estimates in the making, in any order; what they say of packets goes to the rows of verdicts.
 
@@ -54,6 +86,7 @@ class EstimateRows:
         self._incoming = incoming
         self._verdicts = verdicts
         self.index = Index({estimator.name: i for i, estimator in enumerate(plan.estimators)})
+        self._table = _Table(len(plan.estimators), plan.steps)
         self._loose: list[tuple[str, Estimate]] = []
         self._numbers = array("q")  # rows of seven, see `_pack`
         self._state, self._covariance, self._nis = array("d"), array("d"), array("d")
@@ -64,21 +97,35 @@ class EstimateRows:
         if len(self._loose) >= MOST_LOOSE:
             self._pack()
 
-    def take_beliefs(self, name: str, beliefs: Sequence[Published]) -> None:
-        """Take many estimates of one estimator as it made them."""
+    def taker(self, name: str) -> Callable[[Published], None]:
+        """Return what takes the estimates of one estimator as it makes them, one of each step."""
         node, incoming, rows = self.index[name], self._incoming[name], self._verdicts
-        for own in beliefs:
-            sizes = own.state.size, own.covariance.size
-            self._numbers.extend((node, own.step, own.refers_to, own.diverged, own.nis_dof, *sizes))
-        self._nis.extend([own.nis for own in beliefs])
-        self._state.frombytes(_bytes([own.state for own in beliefs]))
-        self._covariance.frombytes(_bytes([own.covariance.ravel() for own in beliefs]))
-        detections = [detection for own in beliefs for detection in own.detections]
-        rows.link.extend([incoming[detection.source] for detection in detections])
-        rows.step.extend([own.step for own in beliefs for _ in own.detections])
-        rows.sequence.extend([detection.sequence for detection in detections])
-        rows.mark.extend([bool(detection.alarm) for detection in detections])
-        rows.value.extend([detection.statistic for detection in detections])
+        table = self._table
+        present, declared = table.present[node], table.declared_diverged[node]
+        refers_to, nis, nis_dof = table.refers_to[node], table.nis[node], table.nis_dof[node]
+        state = covariance = np.zeros((0, 0))
+
+        def take(own: Published) -> None:
+            nonlocal state, covariance
+            step, believed = own.step, own.state
+            present[step] = True
+            refers_to[step] = own.refers_to
+            nis[step], nis_dof[step] = own.nis, own.nis_dof
+            if not believed.size:
+                declared[step] = True
+            else:
+                if not state.size:
+                    table.hold(believed.size)
+                    state, covariance = table.state[node], table.covariance[node]
+                state[step], covariance[step] = believed, own.covariance
+            for detection in own.detections:
+                rows.link.append(incoming[detection.source])
+                rows.step.append(step)
+                rows.sequence.append(detection.sequence)
+                rows.mark.append(bool(detection.alarm))
+                rows.value.append(detection.statistic)
+
+        return take
 
     def _pack(self) -> None:
         """Pack the estimates' numbers; of many at once, for that takes a third of the time."""
@@ -127,26 +174,15 @@ class EstimateRows:
         self._pack()
         rows = integers(self._numbers).reshape(-1, 7)
         node, step, refers_to, diverged, dof, size, covariance_size = rows.T.copy()
-        (K, n), N = truth.shape, len(self._plan.estimators)
+        n, table = truth.shape[1], self._table
         self._check(node, step, size, covariance_size, n)
-        present, declared = np.zeros((N, K), dtype=bool), np.zeros((N, K), dtype=bool)
-        present[node, step] = True
-        declared[node, step] = diverged.astype(bool)
-        nis, nis_dof = np.full((N, K), np.nan), np.zeros((N, K), dtype=np.int64)
-        nis[node, step], nis_dof[node, step] = np.array(self._nis), dof
-        error, covariance = np.full((N, K, n), np.nan), np.full((N, K, n, n), np.nan)
+        table.hold(n)
+        table.present[node, step] = True
+        table.declared_diverged[node, step] = diverged.astype(bool)
+        table.refers_to[node, step] = refers_to
+        table.nis[node, step], table.nis_dof[node, step] = np.array(self._nis), dof
         has = size > 0
-        known = (refers_to >= 0) & (refers_to < K)
-        reference = np.where(known[:, None], truth[np.where(known, refers_to, 0)], np.nan)
-        state = np.full((N, K, n), np.nan)
-        state[node[has], step[has]] = np.array(self._state).reshape(has.sum(), n)
-        error[node[has], step[has]] = state[node[has], step[has]] - reference[has]
-        refers = np.full((N, K), -1)
-        refers[node, step] = refers_to
+        table.state[node[has], step[has]] = np.array(self._state).reshape(has.sum(), n)
         has = covariance_size > 0
-        covariance[node[has], step[has]] = np.array(self._covariance).reshape(has.sum(), n, n)
-        return Estimates(present, declared, refers, state, error, covariance, nis, nis_dof)
-
-
-def _bytes(arrays: list[Vector]) -> bytes:
-    return np.concatenate(arrays, dtype=np.float64).tobytes() if arrays else b""
+        table.covariance[node[has], step[has]] = np.array(self._covariance).reshape(has.sum(), n, n)
+        return table.estimates(truth)

@@ -14,7 +14,8 @@ from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
 from bus.packets import ORACLE, Packet, packets_of_inbox, packets_of_transmission
 from bus.plan import Plan
-from channel.happened import Happened
+from channel.contract import Event
+from channel.happened import Happened, events_of
 from nodes.published import Published
 from orchestrator.score.accounts import Accounts
 from orchestrator.score.attack_beliefs import AttackBeliefs, AttackListener
@@ -117,7 +118,9 @@ class Gatherer:
         self.estimates = EstimateRows(plan, self.incoming, self.verdicts)
         self.accounts = Accounts(plan, self.links)
         self.measurements = MeasurementRows(plan)
-        self.measuring = {keys.tx(own.name, keys.MEASUREMENT): own.name for own in plan.sensors}
+        self.measuring = {
+            keys.tx(own.name, keys.MEASUREMENT): (own.name, self._sender(own.name)) for own in plan.sensors
+        }
         self.triggered = frozenset(plan.triggered)
         self.said_sent: dict[str, tuple[int, float]] = {}
         self.guaranteed: dict[str, bool] = {}
@@ -167,16 +170,22 @@ class Gatherer:
             self.guaranteed[name] = holds and self.guaranteed.get(name, True)
 
     def _take_sent(self, topic: str, message: Transmission) -> None:
-        source = self.measuring.get(topic)
-        if source is not None:
-            self.take_measured(
-                source, message.step, packets_of_transmission(message, source, keys.MEASUREMENT)
-            )
+        measuring = self.measuring.get(topic)
+        if measuring is not None:
+            source, take = measuring
+            take(message.step, packets_of_transmission(message, source, keys.MEASUREMENT))
 
-    def take_measured(self, source: str, step: int, packets: Sequence[Packet]) -> None:
-        """Take what a sensor sent in a step."""
-        self.measurements.take_sent(source, step, packets)
-        self.false_data.take_sent(source, step, packets)
+    def _sender(self, source: str) -> Callable[[int, Sequence[Packet]], None]:
+        """Return what takes what a sensor sent in a step."""
+        keep = self.measurements.sender(source)
+        if source not in self.false_data.sources:
+            return keep
+
+        def take(step: int, packets: Sequence[Packet]) -> None:
+            keep(step, packets)
+            self.false_data.take_sent(source, step, packets)
+
+        return take
 
     def _take_inbox(self, topic: str, message: Inbox) -> None:
         if message.source:
@@ -200,8 +209,7 @@ class Gatherer:
             estimator = self.measurements.receivers.get(topic)
             if estimator is not None:
                 packets, own = packets_of_inbox(message), links[end - len(message.source) : end]
-                steps = [message.step] * len(packets)
-                self.measurements.take_arrived(estimator, steps, packets, own, untouched=False)
+                self.measurements.take_arrived(estimator, message.step, packets, own)
         if with_values:
             place = len(rows.link) - len(links)
             for message in held:
@@ -234,14 +242,13 @@ class Gatherer:
     def take_events(self, topic: str, message: ChannelEvents | Happened) -> None:
         """Take what happened in the channel."""
         self.accounts.take(topic, message)
-        if message.event_link:
-            self._take_acts(message)
-            self.false_data.take_events(message)
+        events = events_of(message)
+        if events:
+            self._take_acts(message.step, events)
+            self.false_data.take_events(message.step, events)
 
-    def _take_acts(self, message: ChannelEvents | Happened) -> None:
-        columns = (message.event_link, message.event_stage, message.event_sequence, message.event_action)
-        magnitudes = message.event_magnitude
-        for link, stage, sequence, action, size in zip(*columns, magnitudes, strict=True):
+    def _take_acts(self, step: int, events: Sequence[Event]) -> None:
+        for link, stage, sequence, action, size in events:
             is_false = _IS_FALSE.get(action)
             if is_false is not None:
                 rows = self.events
@@ -252,7 +259,7 @@ class Gatherer:
             else:
                 continue
             rows.link.append(self.links[link])
-            rows.step.append(message.step)
+            rows.step.append(step)
             rows.sequence.append(sequence)
             rows.stage.append(self.stages[stage])
 

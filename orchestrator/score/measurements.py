@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ _CHANGED = -1
 
 @dataclass(frozen=True)
 class Measurements:
-    """Measurement packets that estimators let in, one a row, in the order of the record.
+    """Measurement packets that estimators let in, one a row; those of one inbox stand in its order.
 
     ``estimator`` and ``sensor`` are indices in the plan. A packet is ``genuine`` when it holds exactly what
     its sensor sent in the step of its delivery, ``late`` when it holds what its sensor sent before; otherwise
@@ -53,6 +53,9 @@ class MeasurementRows:
     def __init__(self, plan: Plan) -> None:
         self._sensors = {own.name: i for i, own in enumerate(plan.sensors)}
         self.receivers = {keys.rx(own.name, keys.CORRECT): i for i, own in enumerate(plan.estimators)}
+        estimators = {own.name: i for i, own in enumerate(plan.estimators)}
+        self._estimator = [estimators.get(link.destination, -1) for link in plan.links]
+        self._sensor = [self._sensors.get(link.source, -1) for link in plan.links]
         self._steps = plan.steps
         self._originals: dict[tuple[int, int], tuple[int, Vector]] = {}
         self._sent = np.zeros((len(self._sensors), self._steps), dtype=bool)
@@ -60,42 +63,47 @@ class MeasurementRows:
         self._values: list[Vector] = []
         self._doubts: list[_Doubt] = []
 
-    def take_sent(self, source: str, step: int, packets: Sequence[Packet]) -> None:
-        """Take what a sensor sent in a step."""
-        sensor = self._sensors[source]
-        for packet in packets:
-            self._originals[sensor, packet.sequence] = step, packet.values
-        if packets and 0 <= step < self._steps:
-            self._sent[sensor, step] = True
+    def sender(self, source: str) -> Callable[[int, Sequence[Packet]], None]:
+        """Return what takes what a sensor sent in a step."""
+        sensor, originals, steps = self._sensors[source], self._originals, self._steps
+        sent = self._sent[sensor]
+
+        def take(step: int, packets: Sequence[Packet]) -> None:
+            for packet in packets:
+                originals[sensor, packet.sequence] = step, packet.values
+                if 0 <= step < steps:
+                    sent[step] = True
+
+        return take
 
     def take_arrived(
         self,
         estimator: int,
-        steps: Sequence[int],
+        step: int,
         packets: Sequence[Packet],
         links: Sequence[int],
-        *,
-        untouched: bool,
     ) -> None:
-        """Take what reached one of the ``receivers``; ``untouched``: as it was sent in its step.
+        """Take an inbox of one of the ``receivers``.
 
         ``links`` tells the link of each packet, below -1 for one not let in.
         """
-        numbers = self._sensors
-        kept = [
-            (numbers[packet.source], step, packet)
-            for packet, step, link in zip(packets, steps, links, strict=True)
-            if link >= -1 and packet.kind == keys.MEASUREMENT and packet.source in numbers
-        ]
-        if not untouched:
-            row = len(self._values)
-            self._doubts += [
-                _Doubt(row + i, sensor, packet.sequence, step, packet.values)
-                for i, (sensor, step, packet) in enumerate(kept)
-            ]
-        for sensor, step, packet in kept:
-            self._rows.extend((estimator, sensor, step, 0, packet.values.size))
-        self._values += [packet.values for _, _, packet in kept]
+        numbers, values = self._sensors, self._values
+        for packet, link in zip(packets, links, strict=True):
+            if link >= -1 and packet.kind == keys.MEASUREMENT and packet.source in numbers:
+                sensor, own = numbers[packet.source], packet.values
+                self._doubts.append(_Doubt(len(values), sensor, packet.sequence, step, own))
+                self._rows.extend((estimator, sensor, step, 0, own.size))
+                values.append(own)
+
+    def take_untouched(self, links: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
+        """Take what some links carried in some steps: the packets that their sensors sent then."""
+        originals = self._originals
+        sensor = np.array(self._sensor, dtype=np.int64)[links]
+        values = [originals[place][1] for place in zip(sensor.tolist(), steps.tolist(), strict=True)]
+        columns = (np.array(self._estimator, dtype=np.int64)[links], sensor, steps, 0 * steps)
+        size = np.array([len(own) for own in values], dtype=np.int64)
+        self._rows.frombytes(np.column_stack([*columns, size]).tobytes())
+        self._values += values
 
     def finish(self) -> Measurements:
         """Return all that was taken."""

@@ -15,10 +15,10 @@ import numpy as np
 
 from bus import keys
 from bus.integrity import Gate
-from bus.messages import ChannelEvents, Estimate
+from bus.messages import Estimate
 from bus.packets import ORACLE, Packet, Vector
 from bus.plan import Plan
-from channel.happened import Happened
+from channel.contract import ATTACKED, Event
 from nodes.published import Published
 from orchestrator.score.results import RecoveredAttack
 
@@ -45,7 +45,7 @@ class FalseDataListener:
         self._heard: dict[str, list[str]] = {}
         for source, destination in self._links:
             self._heard.setdefault(destination, []).append(source)
-        self._sources = {source for source, _ in self._links}
+        self.sources = {source for source, _ in self._links}
         self.receivers = {keys.rx(node, keys.CORRECT): node for node in self._heard}
         self._gates = {node: Gate(plan, sources) for node, sources in self._heard.items()}
         self._sent: dict[tuple[str, int], Vector] = {}
@@ -54,8 +54,8 @@ class FalseDataListener:
         self._said: dict[_Place, _Said] = {}
 
     def take_sent(self, source: str, step: int, packets: Sequence[Packet]) -> None:
-        """Keep what a sensor sent."""
-        if source in self._sources and len(packets) == 1:
+        """Keep what one of the ``sources`` sent."""
+        if len(packets) == 1:
             self._sent[source, step] = packets[0].values
 
     def take_inbox(self, node: str, step: int, inbox: Sequence[Packet]) -> None:
@@ -68,12 +68,11 @@ class FalseDataListener:
             if link is not None and usable and self._gates[node].admits(packet):
                 self._received[link, step] = packet.values
 
-    def take_events(self, message: ChannelEvents | Happened) -> None:
+    def take_events(self, step: int, events: Sequence[Event]) -> None:
         """Keep which packets were attacked; a sensor numbers its packets by their steps."""
-        acts = zip(message.event_link, message.event_sequence, message.event_action, strict=True)
-        for name, sequence, action in acts:
-            if action == "attacked" and sequence == message.step:
-                self._attacked.add((self._numbers.get(name, -1), message.step))
+        for name, _, sequence, action, _ in events:
+            if action == ATTACKED and sequence == step:
+                self._attacked.add((self._numbers.get(name, -1), step))
 
     def take_estimate(self, node: str, message: Estimate | Published) -> None:
         """Keep what an estimate says of attacks on the estimator's sensors."""
