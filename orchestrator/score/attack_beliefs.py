@@ -8,16 +8,14 @@ step when it is not said).
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from itertools import count
-from typing import NamedTuple
+from itertools import count, takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bus.messages import Estimate, Truth
-from nodes.published import Published
+from bus.messages import Truth
 
 PROBABILITY = "attack_probability"
 STEP = "attack_step"
@@ -49,20 +47,13 @@ class AttackBeliefs:
         return np.asarray(np.isfinite(self.signal).all(axis=1))
 
 
-class _Places(NamedTuple):
-    """Where a list of diagnostics holds what is said of attacks; -1 where it is not said."""
-
-    probability: int
-    step: int
-    values: tuple[int, ...]
-
-
 class AttackListener:
     """Takes truth and estimates in any order."""
 
     def __init__(self) -> None:
         self._truth: dict[int, list[float]] = {}
-        self._layouts: dict[int, tuple[list[str], _Places | None]] = {}
+        self._of_signal: dict[tuple[str, ...], tuple[str, ...]] = {}
+        """The names of the components of a signal, among the names of diagnostics."""
         self._said = array("q")  # node, step, number of values
         self._about, self._probability, self._values = array("d"), array("d"), array("d")
 
@@ -70,19 +61,17 @@ class AttackListener:
         """Keep the signal of a step."""
         self._truth[message.step] = message.attack
 
-    def take_estimate(self, node: int, message: Estimate | Published) -> None:
-        """Keep what an estimate says of the attack."""
-        names, places = self._layouts.get(node, ([], None))
-        if names != message.diagnostic_name:
-            places = _places(message.diagnostic_name)
-            self._layouts[node] = (message.diagnostic_name, places)
-        if places is None:
-            return
-        said = message.diagnostic_value
-        self._said.extend((node, message.step, len(places.values)))
-        self._about.append(said[places.step] if places.step >= 0 else message.refers_to)
-        self._probability.append(said[places.probability] if places.probability >= 0 else np.nan)
-        self._values.extend(said[place] for place in places.values)
+    def take_diagnostics(self, node: int, step: int, refers_to: int, said: Mapping[str, float]) -> None:
+        """Keep what an estimate's diagnostics say of the attack."""
+        names = tuple(said)
+        components = self._of_signal.get(names)
+        if components is None:
+            components = self._of_signal[names] = _components(names)
+        if components or PROBABILITY in said:
+            self._said.extend((node, step, len(components)))
+            self._about.append(said.get(STEP, refers_to))
+            self._probability.append(said.get(PROBABILITY, np.nan))
+            self._values.extend([said[name] for name in components])
 
     def beliefs(self, estimators: int, steps: int) -> AttackBeliefs:
         """Return what was heard, of so many estimators and steps."""
@@ -103,14 +92,6 @@ class AttackListener:
         return AttackBeliefs(signal, about, probability, value)
 
 
-def _places(names: Sequence[str]) -> _Places | None:
-    """Return where what is said of attacks stands among some diagnostics; None when nothing is."""
-    place = {name: at for at, name in enumerate(names)}
-    values = []
-    for i in count():
-        if f"a{i}" not in place:
-            break
-        values.append(place[f"a{i}"])
-    if PROBABILITY not in place and not values:
-        return None
-    return _Places(place.get(PROBABILITY, -1), place.get(STEP, -1), tuple(values))
+def _components(names: Collection[str]) -> tuple[str, ...]:
+    """Return the diagnostics called ``a0``, ``a1`` and so on, as far as they go."""
+    return tuple(takewhile(names.__contains__, (f"a{i}" for i in count())))

@@ -51,12 +51,12 @@ class Carried:
 
     def _take_beliefs_of(self, name: str) -> Taker:
         gatherer = self._gatherer
-        take_belief, speaks = gatherer.estimates.taker(name), gatherer.speaks
+        take_belief = gatherer.estimates.taker(name)
 
         def take(own: Published) -> None:
             take_belief(own)
-            if own.diagnostics and speaks(tuple(own.diagnostics)):
-                gatherer.take_diagnostics(name, own)
+            if own.diagnostics:
+                gatherer.take_diagnostics(name, own.step, own.refers_to, own.diagnostics)
 
         return take
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import sys
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bus.messages import ChannelEvents
-from bus.packets import Packet
+from bus.packets import Packet, Vector
+from channel.contract import norm
 from channel.happened import Happened
 from orchestrator.errors import InputError
 
@@ -87,17 +86,16 @@ def whole(column: Ints) -> array[int]:
 
 
 class Payloads:
-    """The payloads of delivered packets that somebody may have made, end to end."""
+    """The payloads of delivered packets that somebody may have made."""
 
     def __init__(self) -> None:
-        self._places, self._sizes, self._values = array("q"), array("q"), array("d")
+        self._places = array("q")
+        self._values: list[Vector] = []
 
     def take(self, place: int, packets: Sequence[Packet]) -> None:
         """Take those of one inbox, whose first packet stands in this place among the deliveries."""
         self._places.extend(range(place, place + len(packets)))
-        for packet in packets:
-            self._sizes.append(packet.values.size)
-            self._values.extend(packet.values.tolist())
+        self._values += [packet.values for packet in packets]
 
     def move(self, places: Ints) -> None:
         """Note that the deliveries have been moved: the i-th now stands in ``places[i]``."""
@@ -107,11 +105,8 @@ class Payloads:
         """Return the Euclidean norm of each payload that is wanted and was taken, NaN for the others."""
         norms = np.full(wanted.size, np.nan)
         places = integers(self._places)
-        end = np.cumsum(integers(self._sizes))
-        begin = end - integers(self._sizes)
-        values, largest = self._values, sys.float_info.max
         for i in np.flatnonzero(wanted[places]).tolist():
-            norms[places[i]] = min(math.hypot(*values[begin[i] : end[i]]), largest)
+            norms[places[i]] = norm(self._values[i])
         return norms
 
 

@@ -14,9 +14,8 @@ from bus.integrity import Gate
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
 from bus.packets import ORACLE, Packet, packets_of_inbox, packets_of_transmission
 from bus.plan import Plan
-from channel.contract import Event
+from channel.contract import ATTACKED, INJECTED, LOST, Event
 from channel.happened import Happened, events_of
-from nodes.published import Published
 from orchestrator.score.accounts import Accounts
 from orchestrator.score.attack_beliefs import AttackBeliefs, AttackListener
 from orchestrator.score.columns import (
@@ -48,7 +47,7 @@ __all__ = [
     "gather",
 ]
 
-_IS_FALSE = {"attacked": True, "lost": False}
+_IS_FALSE = {ATTACKED: True, LOST: False}
 """The acts of the channel on a packet that was sent: whether they falsify it or lose it."""
 
 GUARANTEED = "bound_guaranteed"
@@ -124,19 +123,12 @@ class Gatherer:
         self.triggered = frozenset(plan.triggered)
         self.said_sent: dict[str, tuple[int, float]] = {}
         self.guaranteed: dict[str, bool] = {}
-        self.takers: dict[type[Message], Callable[[str, Any], None]] = {
-            Truth: self._take_truth,
-            Estimate: self._take_estimate,
-            Inbox: self._take_inbox,
-            ChannelEvents: self.take_events,
-            Transmission: self._take_sent,
-        }
 
     def take(self, topic: str, message: Message) -> None:
         """Take a message; what no score needs is passed over."""
-        take = self.takers.get(type(message))
+        take = _TAKERS.get(type(message))
         if take is not None:
-            take(topic, message)
+            take(self, topic, message)
 
     def _take_truth(self, topic: str, message: Truth) -> None:
         self.truth[message.step] = message.state
@@ -147,27 +139,25 @@ class Gatherer:
         name = topic[_AFTER_ESTIMATE:]
         self.estimates.take(name, message)
         if message.diagnostic_name:
-            self.take_diagnostics(name, message)
+            said = dict(zip(message.diagnostic_name, message.diagnostic_value, strict=True))
+            self.take_diagnostics(name, message.step, message.refers_to, said)
 
-    def speaks(self, names: tuple[str, ...]) -> bool:
-        """Return whether diagnostics of these names say something that is listened to."""
+    def take_diagnostics(self, name: str, step: int, refers_to: int, said: Mapping[str, float]) -> None:
+        """Take what an estimate's diagnostics say; of most names nobody listens to any."""
+        names = tuple(said)
         speaks = self.speaking.get(names)
         if speaks is None:
             speaks = any(name in (SENT, GUARANTEED, "a0") or name.startswith("attack_") for name in names)
             self.speaking[names] = speaks
-        return speaks
-
-    def take_diagnostics(self, name: str, message: Estimate | Published) -> None:
-        """Take what an estimate's diagnostics say."""
-        self.of_attacks.take_estimate(self.estimates.index[name], message)
-        self.false_data.take_estimate(name, message)
-        if name in self.triggered and SENT in message.diagnostic_name:
-            share = message.diagnostic_value[message.diagnostic_name.index(SENT)]
-            said, total = self.said_sent.get(name, (0, 0.0))
-            self.said_sent[name] = said + 1, total + share
-        if GUARANTEED in message.diagnostic_name:
-            holds = message.diagnostic_value[message.diagnostic_name.index(GUARANTEED)] > 0.0
-            self.guaranteed[name] = holds and self.guaranteed.get(name, True)
+        if not speaks:
+            return
+        self.of_attacks.take_diagnostics(self.estimates.index[name], step, refers_to, said)
+        self.false_data.take_diagnostics(name, step, said)
+        if name in self.triggered and SENT in said:
+            times, total = self.said_sent.get(name, (0, 0.0))
+            self.said_sent[name] = times + 1, total + said[SENT]
+        if GUARANTEED in said:
+            self.guaranteed[name] = said[GUARANTEED] > 0.0 and self.guaranteed.get(name, True)
 
     def _take_sent(self, topic: str, message: Transmission) -> None:
         measuring = self.measuring.get(topic)
@@ -180,10 +170,11 @@ class Gatherer:
         keep = self.measurements.sender(source)
         if source not in self.false_data.sources:
             return keep
+        keep_too = self.false_data.take_sent  # and not self: whoever holds itself is hard to let go
 
         def take(step: int, packets: Sequence[Packet]) -> None:
             keep(step, packets)
-            self.false_data.take_sent(source, step, packets)
+            keep_too(source, step, packets)
 
         return take
 
@@ -248,20 +239,16 @@ class Gatherer:
             self.false_data.take_events(message.step, events)
 
     def _take_acts(self, step: int, events: Sequence[Event]) -> None:
-        for link, stage, sequence, action, size in events:
-            is_false = _IS_FALSE.get(action)
-            if is_false is not None:
-                rows = self.events
-                rows.mark.append(is_false)
-            elif action == "injected":
-                rows = self.injections
-                rows.value.append(size)
-            else:
-                continue
-            rows.link.append(self.links[link])
-            rows.step.append(step)
-            rows.sequence.append(sequence)
-            rows.stage.append(self.stages[stage])
+        acts = [event for event in events if event.action in _IS_FALSE]
+        made = [event for event in events if event.action == INJECTED]
+        self.events.mark.extend([_IS_FALSE[event.action] for event in acts])
+        self.injections.value.extend([event.magnitude for event in made])
+        links, stages = self.links, self.stages
+        for rows, own in ((self.events, acts), (self.injections, made)):
+            rows.link.extend([links[event.link] for event in own])
+            rows.step.extend([step] * len(own))
+            rows.sequence.extend([event.sequence for event in own])
+            rows.stage.extend([stages[event.stage] for event in own])
 
     def finish(self) -> Gathered:
         """Return all that was taken."""
@@ -309,6 +296,15 @@ class Gatherer:
         kept = np.flatnonzero(let_in)
         kept = kept[np.argsort(rows.step[kept], kind="stable")]  # they were taken receiver by receiver
         return Packets(*(getattr(rows, field.name)[kept] for field in fields(rows)))
+
+
+_TAKERS: Mapping[type[Message], Callable[[Gatherer, str, Any], None]] = {
+    Truth: Gatherer._take_truth,
+    Estimate: Gatherer._take_estimate,
+    Inbox: Gatherer._take_inbox,
+    ChannelEvents: Gatherer.take_events,
+    Transmission: Gatherer._take_sent,
+}
 
 
 def gather(plan: Plan, records: Iterable[tuple[str, Message]]) -> Gathered:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,16 +36,6 @@ class Measurements:
     sent: NDArray[np.bool_]
 
 
-class _Doubt(NamedTuple):
-    """A packet that may not be what its sensor sent, and the row that it stands in."""
-
-    row: int
-    sensor: int
-    sequence: int
-    step: int
-    values: Vector
-
-
 class MeasurementRows:
     """Measurements in the making; what is not known to be untouched is compared when everything has come."""
 
@@ -59,9 +48,11 @@ class MeasurementRows:
         self._steps = plan.steps
         self._originals: dict[tuple[int, int], tuple[int, Vector]] = {}
         self._sent = np.zeros((len(self._sensors), self._steps), dtype=bool)
-        self._rows = array("q")
+        self._rows = tuple(array("q") for _ in range(4))
+        """Estimator, sensor, step and number of each packet."""
         self._values: list[Vector] = []
-        self._doubts: list[_Doubt] = []
+        self._doubts: list[range] = []
+        """Rows of packets that may not be what their sensors sent."""
 
     def sender(self, source: str) -> Callable[[int, Sequence[Packet]], None]:
         """Return what takes what a sensor sent in a step."""
@@ -87,37 +78,54 @@ class MeasurementRows:
 
         ``links`` tells the link of each packet, below -1 for one not let in.
         """
-        numbers, values = self._sensors, self._values
-        for packet, link in zip(packets, links, strict=True):
-            if link >= -1 and packet.kind == keys.MEASUREMENT and packet.source in numbers:
-                sensor, own = numbers[packet.source], packet.values
-                self._doubts.append(_Doubt(len(values), sensor, packet.sequence, step, own))
-                self._rows.extend((estimator, sensor, step, 0, own.size))
-                values.append(own)
+        numbers, begin = self._sensors, len(self._values)
+        kept = [
+            packet
+            for packet, link in zip(packets, links, strict=True)
+            if link >= -1 and packet.kind == keys.MEASUREMENT and packet.source in numbers
+        ]
+        columns = (
+            [estimator] * len(kept),
+            [numbers[packet.source] for packet in kept],
+            [step] * len(kept),
+            [packet.sequence for packet in kept],
+        )
+        for column, own in zip(self._rows, columns, strict=True):
+            column.extend(own)
+        self._values += [packet.values for packet in kept]
+        self._doubts.append(range(begin, len(self._values)))
 
     def take_untouched(self, links: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
         """Take what some links carried in some steps: the packets that their sensors sent then."""
         originals = self._originals
         sensor = np.array(self._sensor, dtype=np.int64)[links]
         values = [originals[place][1] for place in zip(sensor.tolist(), steps.tolist(), strict=True)]
-        columns = (np.array(self._estimator, dtype=np.int64)[links], sensor, steps, 0 * steps)
-        size = np.array([len(own) for own in values], dtype=np.int64)
-        self._rows.frombytes(np.column_stack([*columns, size]).tobytes())
+        columns = (np.array(self._estimator, dtype=np.int64)[links], sensor, steps, steps)
+        for column, own in zip(self._rows, columns, strict=True):
+            column.frombytes(own.tobytes())
         self._values += values
 
     def finish(self) -> Measurements:
         """Return all that was taken."""
-        rows = np.array(self._rows, dtype=np.int64).reshape(-1, 5)
-        estimators, sensors, delivered, by, size = rows.T
-        for doubt in self._doubts:
-            by[doubt.row] = self._late(doubt)
+        estimators, sensors, delivered, _ = (np.array(column, dtype=np.int64) for column in self._rows)
+        _, sensor, step, number = self._rows
+        by = np.zeros(len(self._values), dtype=np.int64)
+        for rows in self._doubts:
+            by[rows] = [self._late(sensor[i], number[i], step[i], self._values[i]) for i in rows]
+        size = np.array([len(own) for own in self._values], dtype=np.int64)
         values = np.concatenate([np.zeros(0), *self._values])
         return Measurements(estimators, sensors, delivered, by == 0, by > 0, values, size, self._sent)
 
-    def _late(self, doubt: _Doubt) -> int:
+    def _late(self, sensor: int, sequence: int, step: int, values: Vector) -> int:
         """Return how many steps after it was sent a packet came, `_CHANGED` for one that nobody sent so."""
-        sent_step, original = self._originals.get((doubt.sensor, doubt.sequence), (self._steps, None))
-        if original is None or sent_step > doubt.step:
+        sent_step, original = self._originals.get((sensor, sequence), (self._steps, values))
+        if sent_step > step or (original is not values and not _alike(original, values)):
             return _CHANGED
-        is_whole = original is doubt.values or original.tolist() == doubt.values.tolist()
-        return doubt.step - sent_step if is_whole else _CHANGED
+        return step - sent_step
+
+
+def _alike(one: Vector, other: Vector) -> bool:
+    """Return whether payloads are equal; most that differ do so in their first entry."""
+    if one.size != other.size or (one.size and one.item(0) != other.item(0)):
+        return False
+    return bool(one.tolist() == other.tolist())

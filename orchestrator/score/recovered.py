@@ -8,18 +8,16 @@ difference between what arrived and what the sensor sent.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count, takewhile
 
 import numpy as np
 
 from bus import keys
 from bus.integrity import Gate
-from bus.messages import Estimate
 from bus.packets import ORACLE, Packet, Vector
 from bus.plan import Plan
 from channel.contract import ATTACKED, Event
-from nodes.published import Published
 from orchestrator.score.results import RecoveredAttack
 
 _Place = tuple[int, int]
@@ -62,6 +60,8 @@ class FalseDataListener:
         """Keep what arrived at one of the ``receivers`` of the sensors in their own step."""
         packets = [packet for packet in inbox if packet.kind != ORACLE]
         arrived = Counter([packet.source for packet in packets])
+        if min(arrived.values(), default=2) > 1:
+            return
         for packet in packets:
             link = self._links.get((packet.source, node))
             usable = packet.sent_step == step and arrived[packet.source] == 1
@@ -74,16 +74,13 @@ class FalseDataListener:
             if action == ATTACKED and sequence == step:
                 self._attacked.add((self._numbers.get(name, -1), step))
 
-    def take_estimate(self, node: str, message: Estimate | Published) -> None:
-        """Keep what an estimate says of attacks on the estimator's sensors."""
-        if node not in self._heard or not message.diagnostic_name:
-            return
-        said = dict(zip(message.diagnostic_name, message.diagnostic_value, strict=True))
-        for source in self._heard[node]:
+    def take_diagnostics(self, node: str, step: int, said: Mapping[str, float]) -> None:
+        """Keep what an estimate's diagnostics say of attacks on the estimator's sensors."""
+        for source in self._heard.get(node, ()):
             value = _components(said, f"attack_{source}_")
             if value:
                 variance = _components(said, f"attack_variance_{source}_")
-                self._said[self._links[source, node], message.step] = value, variance
+                self._said[self._links[source, node], step] = value, variance
 
     def recovered(self, links: int, from_step: int) -> list[RecoveredAttack | None]:
         """Return by link how well the attack was recovered; None where nothing was said or attacked."""
@@ -112,7 +109,7 @@ class FalseDataListener:
         ]
 
 
-def _components(said: dict[str, float], prefix: str) -> list[float]:
+def _components(said: Mapping[str, float], prefix: str) -> list[float]:
     """Return the numbers called ``{prefix}0``, ``{prefix}1`` and so on, as far as they go."""
     names = takewhile(said.__contains__, (f"{prefix}{i}" for i in count()))
     return [said[name] for name in names]
