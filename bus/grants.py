@@ -57,8 +57,7 @@ def outputs(plan: Plan, name: str) -> tuple[str, ...]:
     if name == plan.plant.name:
         return (keys.truth(name), *watched)
     if any(own.name == name for own in plan.estimators):
-        is_heard = any(link.source == name for link in plan.links_of(keys.EXCHANGE))
-        exchanged = (keys.tx(name, keys.EXCHANGE),) if is_heard else ()
+        exchanged = (keys.tx(name, keys.EXCHANGE),) if plan.is_heard(name, keys.EXCHANGE) else ()
         return (*exchanged, keys.estimate(name), *watched)
     if any(own.name == name for own in plan.controllers):
         return (keys.tx(name, keys.CONTROL),)

@@ -162,6 +162,14 @@ class Plan:
         """Return the links that carry a stream, in the plan's order."""
         return tuple(link for link in self.links if link.stream == stream)
 
+    @functools.cached_property
+    def _senders(self) -> frozenset[tuple[str, str]]:
+        return frozenset((link.source, link.stream) for link in self.links)
+
+    def is_heard(self, node: str, stream: str) -> bool:
+        """Return whether some link carries what a node sends on a stream."""
+        return (node, stream) in self._senders
+
     @property
     def node_names(self) -> tuple[str, ...]:
         """The names of all nodes: plant, sensors, estimators, controllers."""

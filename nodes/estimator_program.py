@@ -102,7 +102,7 @@ def estimator_program(
     inbox_topic = keys.rx(own.name, keys.CORRECT)
     exchange_topic = keys.rx(own.name, keys.EXCHANGE)
     control_topic = keys.rx(own.name, keys.CONTROL)
-    is_heard = any(link.source == own.name for link in plan.links_of(keys.EXCHANGE))
+    is_heard = plan.is_heard(own.name, keys.EXCHANGE)
     guard = _Guard(own.name, estimator, state_size)
     pace = Pace(own.name, window)
     measured = Gate(plan, own.sensors)

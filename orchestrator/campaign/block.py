@@ -79,7 +79,10 @@ def run_block(work: Work, worker: str) -> bytes:
     try:
         for trial in work.trials:
             found, timing = run_trial(plan, logged, trial)
-            rows += [row | _beside(work, timing, worker) for row in found]
+            beside = _beside(work, timing, worker)
+            for row in found:
+                row.update(beside)
+            rows += found
             gc.collect(0)
     finally:
         gc.enable()

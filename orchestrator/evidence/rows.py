@@ -56,6 +56,7 @@ def gathered_rows(
     """Return the rows of a record that is gathered already; see `trial_rows`."""
     plan, groups = topology.plan, topology.state_groups
     score, evidence = score_topology(topology, gathered, departed)
+    node_number = {name: number for number, name in enumerate(plan.node_names)}
     facts = _facts(plan) | {"status": SCORED, "passed": score.passed, "complete": score.complete}
     deviation = _disagreement(score)
     scalars = _scalars(score, groups, {own.name: _senders(plan, own) for own in plan.estimators})
@@ -70,7 +71,7 @@ def gathered_rows(
             "privileged": ", ".join(node.privileged),
             "divergence_step": node.divergence_step,
             **{name: values.get(node.name) for name, values in scalars.items()},
-            **_series(plan, evidence, i),
+            **_series(plan, evidence, i, node_number),
             "disagreement_by_step": deviation[network],
             **by_node[i],
             **_windows(score, node.name),
@@ -140,11 +141,11 @@ def _scalar(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _series(plan: Plan, evidence: Evidence, i: int) -> Row:
+def _series(plan: Plan, evidence: Evidence, i: int, node_number: Mapping[str, int]) -> Row:
     """Return what estimator i showed at every step."""
     estimates, own = evidence.gathered.estimates, plan.estimators[i]
     senders = _senders(plan, own)
-    numbers = [plan.node_names.index(name) for name in senders]
+    numbers = [node_number[name] for name in senders]
     dof = estimates.nis_dof[i]
     return {
         **{f"error.{group}": norm[i] for group, norm in evidence.errors.norm.items()},
@@ -193,8 +194,7 @@ def _derived(derived: Derived, i: int, groups: Mapping[str, Sequence[int]]) -> R
 def _senders(plan: Plan, own: EstimatorPlan) -> dict[str, int]:
     """Return whose sending serves an estimator, its sensors' and its own, with their slots in a step."""
     senders = dict.fromkeys(own.sensors, 1)
-    is_heard = any(link.source == own.name for link in plan.links_of(EXCHANGE))
-    return {**senders, own.name: own.rounds} if is_heard else senders
+    return {**senders, own.name: own.rounds} if plan.is_heard(own.name, EXCHANGE) else senders
 
 
 def _packets(plan: Plan, evidence: Evidence) -> list[Row]:

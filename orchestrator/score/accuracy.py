@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,12 +31,12 @@ class Errors:
 
 def number(value: float) -> float | None:
     """Return a figure for JSON: None where it is not finite."""
-    return float(value) if np.isfinite(value) else None
+    return float(value) if math.isfinite(value) else None
 
 
-def numbers(values: Iterable[float]) -> list[float | None]:
-    """Return figures for JSON: None where one is not finite."""
-    return [number(value) for value in values]
+def numbers(values: Floats) -> list[float | None]:
+    """Return figures (K,) for JSON: None where one is not finite."""
+    return [value if math.isfinite(value) else None for value in values.tolist()]
 
 
 def root_mean_square(values: Floats, keep: Bools, axis: int) -> Floats:
@@ -82,10 +83,10 @@ def group_errors(errors: Errors, counted: Bools, attacked: Bools) -> list[dict[s
         hit = root_mean_square(norm, counted & attacked, axis=1)
         spared = root_mean_square(norm, counted & ~attacked, axis=1)
         peak = np.max(norm, axis=1, initial=-np.inf, where=counted & ~np.isnan(norm))
-        for i, step in enumerate(errors.divergence_step):
-            figures = (whole[i], hit[i], spared[i], peak[i]) if step < 0 else (np.nan,) * 4
-            rmse, on, off, most = numbers(figures)
-            nodes[i][group] = GroupError(rmse=rmse, attacked=on, unattacked=off, peak=most)
+        figures = np.where(errors.divergence_step < 0, [whole, hit, spared, peak], np.nan)
+        for node, own in zip(nodes, figures.T, strict=True):
+            rmse, on, off, most = numbers(own)
+            node[group] = GroupError(rmse=rmse, attacked=on, unattacked=off, peak=most)
     return nodes
 
 

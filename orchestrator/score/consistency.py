@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from orchestrator.score.accuracy import number
+from orchestrator.score.accuracy import numbers
 from orchestrator.score.gather import Bools, Floats, Ints
 from orchestrator.score.results import Consistency
 
@@ -80,8 +80,7 @@ def consistency(figures: Floats, dof: Ints, counted: Bools, confidence: float) -
     rows = np.where(samples > 0, np.array(columns), np.nan).T
     return [
         Consistency(
-            samples=int(count),
-            **dict(zip(("mean", "dof", "low", "high", "inside"), map(number, row), strict=True)),
+            samples=count, **dict(zip(("mean", "dof", "low", "high", "inside"), numbers(row), strict=True))
         )
-        for count, row in zip(samples, rows, strict=True)
+        for count, row in zip(samples.tolist(), rows, strict=True)
     ]

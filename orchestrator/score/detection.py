@@ -39,13 +39,13 @@ class Judgement:
     unmatched_verdicts: int
 
 
-def confusion(attacked: Bools, alarm: Bools) -> Confusion:
-    """Return the confusion of some deliveries, given which were attacked and which rejected."""
+def _confusion(accepted: int, false_alarms: int, missed: int, caught: int) -> Confusion:
+    """Return the confusion of genuine deliveries, accepted or rejected, and of attacked ones."""
     return Confusion.of(
-        true_positive=int(np.sum(attacked & alarm)),
-        false_positive=int(np.sum(~attacked & alarm)),
-        false_negative=int(np.sum(attacked & ~alarm)),
-        true_negative=int(np.sum(~attacked & ~alarm)),
+        true_positive=caught,
+        false_positive=false_alarms,
+        false_negative=missed,
+        true_negative=accepted,
     )
 
 
@@ -199,19 +199,12 @@ def judge(plan: Plan, gathered: Gathered) -> Judgement:
 
 def link_confusions(judgement: Judgement) -> list[Confusion | None]:
     """Return the confusion of each link of the plan; None where no verdict was given."""
-    bounds = np.searchsorted(judgement.link, np.arange(judgement.judged.size + 1))
+    links = judgement.judged.size
+    cell = 4 * judgement.link + 2 * judgement.attacked + judgement.alarm
+    counts = np.bincount(cell, minlength=4 * links).reshape(links, 4).tolist()
     return [
-        confusion(judgement.attacked[begin:end], judgement.alarm[begin:end]) if judged else None
-        for judged, begin, end in zip(judgement.judged, bounds[:-1], bounds[1:], strict=True)
+        _confusion(*own) if judged else None for judged, own in zip(judgement.judged, counts, strict=True)
     ]
-
-
-def total_confusion(judgement: Judgement) -> Confusion | None:
-    """Return the confusion over all the links on which some verdict was given; None when there is none."""
-    if not judgement.judged.any():
-        return None
-    rows = judgement.judged[judgement.link]
-    return confusion(judgement.attacked[rows], judgement.alarm[rows])
 
 
 def _release(judgement: Judgement, link: int, last: int) -> int | None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from statistics import fmean
 
 from orchestrator.score.catalogue import Metric
@@ -48,7 +49,7 @@ class LinkSet:
     def traffic(self) -> Traffic:
         """Their traffic, pooled."""
         parts = [link.traffic for link in self.links]
-        return Traffic.of(**{count: sum(getattr(part, count) for part in parts) for count in Traffic.COUNTS})
+        return Traffic.of(**{count: sum(map(attrgetter(count), parts)) for count in Traffic.COUNTS})
 
     @cached_property
     def confusion(self) -> Confusion | None:
@@ -154,6 +155,8 @@ def _recovered(links: Sequence[LinkScore], name: str) -> float:
 def link_value(chosen: LinkSet, metric: str) -> float:
     """Return a metric of a set of links, their packets pooled."""
     family, _, name = metric.partition(".")
+    if family == "packets" and name in Traffic.COUNTS:
+        return float(sum([getattr(link.traffic, name) for link in chosen.links]))
     if family == "packets":
         return _or_nan(getattr(chosen.traffic, name))
     if family == "lockouts":

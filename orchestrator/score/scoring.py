@@ -27,12 +27,12 @@ from orchestrator.score.detection import (
     find_lockouts,
     judge,
     link_confusions,
-    total_confusion,
 )
 from orchestrator.score.deviation import deviations
 from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import Bools, Floats, Gathered, gather
 from orchestrator.score.judging import judge_expectations
+from orchestrator.score.measure import pooled_confusion
 from orchestrator.score.results import Bound, LinkScore, NodeScore, Score, ScoreOptions
 from orchestrator.score.signal_attacks import attack_scores
 from orchestrator.score.traffic import senders, traffic
@@ -149,7 +149,7 @@ def _measured(plan: Plan, evidence: Evidence, options: ScoreOptions) -> Score:
         ],
         links=links,
         traffic=total,
-        detector=total_confusion(judgement),
+        detector=pooled_confusion(links),
         unmatched_verdicts=judgement.unmatched_verdicts,
         windows=attack_windows(plan, judgement, options.detection_grace),
         lockouts=find_lockouts(plan, judgement, options.lockout_length),

@@ -14,8 +14,9 @@ from orchestrator.score.results import SenderScore, Traffic
 def _loss_bursts(gathered: Gathered) -> Ints:
     """Return by link (L,) the number of runs of consecutive sequence numbers that the stages lost."""
     lost = ~gathered.events.mark
-    rows = np.stack([gathered.events.link[lost], gathered.events.sequence[lost]])
-    link, sequence = np.unique(rows, axis=1)
+    link, sequence = gathered.events.link[lost], gathered.events.sequence[lost]
+    order = np.lexsort((sequence, link))
+    link, sequence = link[order], sequence[order]
     begins = np.ones(link.size, dtype=bool)
     begins[1:] = (np.diff(link) != 0) | (np.diff(sequence) > 1)
     return np.bincount(link[begins], minlength=gathered.counts.shape[1])
