@@ -104,6 +104,8 @@ class EstimateRows:
         present, declared = table.present[node], table.declared_diverged[node]
         refers_to, nis, nis_dof = table.refers_to[node], table.nis[node], table.nis_dof[node]
         state = covariance = np.zeros((0, 0))
+        link, at, number = rows.link.append, rows.step.append, rows.sequence.append
+        mark, value = rows.mark.append, rows.value.append
 
         def take(own: Published) -> None:
             nonlocal state, covariance
@@ -119,11 +121,11 @@ class EstimateRows:
                     state, covariance = table.state[node], table.covariance[node]
                 state[step], covariance[step] = believed, own.covariance
             for detection in own.detections:
-                rows.link.append(incoming[detection.source])
-                rows.step.append(step)
-                rows.sequence.append(detection.sequence)
-                rows.mark.append(bool(detection.alarm))
-                rows.value.append(detection.statistic)
+                link(incoming[detection.source])
+                at(step)
+                number(detection.sequence)
+                mark(bool(detection.alarm))
+                value(detection.statistic)
 
         return take
 
