@@ -100,10 +100,6 @@ class Gatherer:
         self.incoming: dict[str, Index] = {name: Index() for name in plan.node_names}
         for i, link in enumerate(plan.links):
             self.incoming[link.destination][link.source] = i
-        self.receivers = {
-            keys.rx(link.destination, keys.phase_of(link.stream)): self.incoming[link.destination]
-            for link in plan.links
-        }
         self.told = {keys.rx(own.name, keys.CORRECT) for own in plan.estimators if own.oracles}
         self.false_data = FalseDataListener(plan)
         self.truth: dict[int, list[float]] = {}
