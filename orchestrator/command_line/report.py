@@ -8,6 +8,14 @@ from typing import Annotated, Literal
 import typer
 
 from orchestrator.command_line.output import print_json
+from orchestrator.errors import InputError
+
+Form = Annotated[
+    Literal["svg", "png"] | None,
+    typer.Option(
+        "--format", help="The kind of picture that --figures writes. Default: svg.", show_default=False
+    ),
+]
 
 
 def report(
@@ -31,9 +39,7 @@ def report(
     figures: Annotated[
         Path | None, typer.Option(help="A directory to write the figures into as well, one file each.")
     ] = None,
-    form: Annotated[
-        Literal["svg", "png"], typer.Option("--format", help="The kind of picture that --figures writes.")
-    ] = "svg",
+    form: Form = None,
     json: Annotated[
         bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")
     ] = False,
@@ -42,6 +48,7 @@ def report(
     from orchestrator.report.making import page_for
     from orchestrator.report.page import write_page
 
+    form = picture_form(form, figures)
     page = page_for(paths, by)
     size = write_page(page, out)
     pictures: list[Path] = []
@@ -55,3 +62,13 @@ def report(
     typer.echo(f"wrote {out} ({size / 1e6:.1f} MB)")
     for path in pictures:
         typer.echo(f"wrote {path}")
+
+
+def picture_form(asked: Literal["svg", "png"] | None, figures: Path | None) -> Literal["svg", "png"]:
+    """Return the kind of picture to write; raises `InputError` where one is asked for and none is written."""
+    if asked is not None and figures is None:
+        raise InputError(
+            f"--format {asked} is the kind of picture that --figures writes, and there is no --figures; "
+            "add --figures DIR"
+        )
+    return asked or "svg"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from orchestrator.report.export import find_browser
-from tests.orchestrator.command_line.conftest import Command
+from tests.orchestrator.command_line.conftest import ROOT, Command
 
 pytest.importorskip("plotly", reason="reports are an extra")
 pytest.importorskip("jinja2", reason="reports are an extra")
@@ -52,6 +52,28 @@ def test_a_place_that_cannot_be_written_is_bad_input(
     answer = gauntlet("report", finished_run, "--out", "file/report.html")
     assert answer.code == 2
     assert "file/report.html cannot be written" in answer.err
+
+
+@pytest.mark.parametrize("command", ["report", "reproduce"])
+@pytest.mark.parametrize("form", ["svg", "png"])
+def test_a_kind_of_picture_without_pictures_is_refused_with_the_cure(
+    gauntlet: Command, home: Path, finished_run: Path, command: str, form: str
+) -> None:
+    given = {"report": finished_run, "reproduce": ROOT / "topologies/ding2021"}[command]
+    answer = gauntlet(command, given, "--format", form, "--out", "out")
+    assert answer.code == 2
+    assert f"--format {form} is the kind of picture that --figures writes" in answer.err
+    assert "add --figures DIR" in answer.err
+    assert not (home / "out").exists()
+
+
+def test_pictures_of_pages_that_are_not_written_are_refused_with_the_cure(
+    gauntlet: Command, home: Path
+) -> None:
+    answer = gauntlet("reproduce", ROOT / "topologies/ding2021", "--no-reports", "--figures", "pictures")
+    assert answer.code == 2
+    assert "leave out --no-reports, or --figures" in answer.err
+    assert list(home.iterdir()) == [home / "small.yaml"], "no campaign was begun"
 
 
 @pytest.mark.parametrize("library", ["plotly.offline", "jinja2"])
