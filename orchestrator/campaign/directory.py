@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from orchestrator.backends.contract import RunFailedError
 from orchestrator.campaign.differences import differences
 from orchestrator.errors import InputError
-from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES
+from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES, topology_file
 
 SHARDS = "shards"
 TIMING = "timing.parquet"
@@ -133,11 +133,6 @@ class CampaignDirectory:
         for file in (self.path / SHARDS).iterdir():
             file.unlink()
         (self.path / SHARDS).rmdir()
-
-
-def topology_file(directory: Path, variant: int) -> Path:
-    """Return where the resolved topology of a variant stands."""
-    return directory / TOPOLOGIES / f"variant-{variant:03d}.yaml"
 
 
 def read_facts(directory: Path) -> dict[str, Any] | None:

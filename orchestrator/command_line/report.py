@@ -20,19 +20,21 @@ Form = Annotated[
 
 def report(
     paths: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(
             metavar="PATH...",
-            help="A run's directory or log, or a campaign's directory; several are compared.",
+            help="A run's directory or log, or a campaign's directory; 'DIR#2' or 'DIR#method=kalman' names "
+            "variants of it. Several are compared.",
             show_default=False,
         ),
     ],
     out: Annotated[Path, typer.Option(help="The HTML file to write.")] = Path("report.html"),
     by: Annotated[
-        Literal["node", "method", "variant"] | None,
+        str | None,
         typer.Option(
-            help="Tell estimators apart one by one, by method, or not at all inside a variant. "
-            "Default: by method and parameters.",
+            metavar="WHAT",
+            help="Tell estimators apart by node or method, or not at all inside a variant, or inside a value "
+            "of a path of --set. Default: by method and parameters.",
             show_default=False,
         ),
     ] = None,

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from orchestrator.evidence.chosen import Chosen, shown, told_apart
 from orchestrator.evidence.detectors import Detection
 from orchestrator.evidence.figures import rmse
-from orchestrator.evidence.sources import Source
 from orchestrator.report.campaign_consistency import consistency_curves
 from orchestrator.report.campaign_detection import detections, operating_figure, roc_curves, survival_figure
 from orchestrator.report.campaign_errors import error_curves, outcome_figure, trial_spread
@@ -25,7 +25,9 @@ from orchestrator.report.campaign_tables import (
 from orchestrator.report.campaign_traffic import disagreement_figure, pareto_figure
 from orchestrator.report.comparison import comparison_blocks, price_tables
 from orchestrator.report.contents import Block, Page, Section, Text, Tile
-from orchestrator.report.groups import By, Group, Outcomes, find_groups, state_names
+from orchestrator.report.grouping import find_groups
+from orchestrator.report.groups import Group, Outcomes, state_names
+from orchestrator.report.swept import swept_figure
 
 
 def _detection_blocks(found: Mapping[str, Detection]) -> list[Block]:
@@ -58,7 +60,9 @@ def _tiles(groups: Sequence[Group]) -> list[Tile]:
     scored = max(own.trials - own.failed, 1)
     variants = len({group.variant for group in groups})
     return [
-        Tile("Variants", f"{variants}", f"{len(groups)} groups of estimators"),
+        Tile(
+            "Variants", f"{variants}", f"{len(groups)} group{'' if len(groups) == 1 else 's'} of estimators"
+        ),
         Tile("Trials", f"{own.trials:,}", _each(own.trials, variants)),
         Tile("Passed", f"{100 * own.passed / max(own.trials, 1):.3g} %", f"{own.passed:,} of {own.trials:,}"),
         Tile(
@@ -71,43 +75,45 @@ def _tiles(groups: Sequence[Group]) -> list[Tile]:
     ]
 
 
-def campaign_page(sources: Sequence[Source], by: By | None = None) -> Page:
+def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
     """Return the page of a campaign, or of several sources side by side; ``by`` as `find_groups` says."""
     notes: list[str] = []
-    groups = find_groups(sources, by, notes)
+    groups = find_groups(chosen, by, notes)
     sections = [
-        Section("variants-section", "Variants", _variant_blocks(groups, sources)),
-        Section("errors-section", "Errors", _error_blocks(groups, notes)),
+        Section("variants-section", "Variants", _variant_blocks(groups, chosen)),
+        Section("errors-section", "Errors", _error_blocks(groups, by, notes)),
         Section("consistency-section", "Consistency", _consistency_blocks(groups, notes)),
         Section("detection-section", "Detection", _detection_blocks(detections(groups))),
         Section("communication-section", "Communication", _communication_blocks(groups)),
-        Section("origin-section", "Provenance", [origin_table(source) for source in sources]),
+        Section("origin-section", "Provenance", _origin_tables(chosen)),
     ]
     compared = comparison_blocks(groups, notes)
     if compared:
         sections.insert(1, Section("comparison-section", "Comparison", compared))
     failed = bool(Outcomes.of(groups).failed)
     return Page(
-        title=" and ".join(dict.fromkeys(source.name for source in sources)),
-        kind="Campaign report" if len(sources) == 1 else "Comparison",
+        title=" and ".join(dict.fromkeys(own.name for own in chosen)),
+        kind="Campaign report" if len(chosen) == 1 else "Comparison",
         word="PARTLY FAILED" if failed else "DONE",
         tone="warn" if failed else "plain",
         headline=_headline(groups),
-        facts=_facts(groups),
+        facts=_facts(groups, chosen),
         tiles=_tiles(groups),
         sections=sections,
         notes=notes,
     )
 
 
-def _variant_blocks(groups: Sequence[Group], sources: Sequence[Source]) -> list[Block]:
-    failures = failure_table(sources)
+def _variant_blocks(groups: Sequence[Group], chosen: Sequence[Chosen]) -> list[Block]:
+    failures = failure_table(chosen)
     return [variant_table(groups), outcome_figure(groups), *([failures] if failures else [])]
 
 
-def _error_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
+def _error_blocks(groups: Sequence[Group], by: str | None, notes: list[str]) -> list[Block]:
+    swept = swept_figure(groups, by)
     return [
         error_table(groups),
+        *([swept] if swept else []),
         error_curves(groups, notes),
         trial_spread(groups),
         *price_tables(groups),
@@ -125,11 +131,23 @@ def _communication_blocks(groups: Sequence[Group]) -> list[Block]:
     return [*found] or [Text("There is one group of estimators, and no network in which to disagree.")]
 
 
+def _origin_tables(chosen: Sequence[Chosen]) -> list[Block]:
+    names = told_apart([own.name for own in chosen], [str(own.source.path) for own in chosen])
+    return [origin_table(own, name) for own, name in zip(chosen, names, strict=True)]
+
+
 def _each(trials: int, variants: int) -> str:
     return f"{trials // variants:,} of each" if variants > 1 and trials % variants == 0 else ""
 
 
-def _facts(groups: Sequence[Group]) -> str:
+def _facts(groups: Sequence[Group], chosen: Sequence[Chosen]) -> str:
     lengths = dict.fromkeys(f"{group.rows.steps:,} steps of {group.period_s:g} s" for group in groups)
     confidence = f"{100 * groups[0].confidence:g} %"
-    return f"{' or '.join(lengths)}; intervals hold with {confidence} confidence over trials."
+    told = f"{' or '.join(lengths)}; intervals hold with {confidence} confidence over trials."
+    return " ".join([told, *(_choice(own) for own in chosen if len(own.variants) < len(own.source.variants))])
+
+
+def _choice(own: Chosen) -> str:
+    """Return which variants of a campaign are told of."""
+    which = f"number {shown(own.variants)}" if own.choice.isdigit() else f"those with {own.choice}"
+    return f"Of the {len(own.source.variants)} variants of {own.source.name}, {which}."

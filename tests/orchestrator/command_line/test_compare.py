@@ -32,10 +32,10 @@ class Silent:
     def advance(self, finished: int, failed: int) -> None: ...
 
 
-def campaign(directory: Path, name: str, *overrides: str) -> Path:
+def campaign(directory: Path, name: str, *overrides: str, trials: int = TRIALS) -> Path:
     file = directory / "small.yaml"
     file.write_text(SMALL)
-    return sweep(prepare(Request(file, TRIALS, overrides=overrides, out=directory / name)), Silent())
+    return sweep(prepare(Request(file, trials, overrides=overrides, out=directory / name)), Silent())
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +47,13 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return campaign(tmp_path_factory.mktemp("calm"), "calm", "attacks=null")
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign in which two things vary."""
+    varied = ("plant.process_noise.std=0.2,3.0", "seed=1,2")
+    return campaign(tmp_path_factory.mktemp("grid"), "grid", *varied, trials=1)
 
 
 def test_variants_of_one_campaign_are_compared_and_the_better_is_named(
@@ -150,6 +157,30 @@ def test_what_cannot_be_compared_is_bad_input_with_its_cure(
     assert answer.code == 2
     assert cure in answer.err
     assert "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize("command", ["compare", "report"])
+@pytest.mark.parametrize(
+    ("arguments", "cure"),
+    [
+        (["{swept}#7"], "has no variant '7'; it has 0: plant.process_noise.std=0.2; 1: plant"),
+        (["{swept}#std=0.2"], "has no variant 'std=0.2'; it has 0: plant.process_noise.std=0.2"),
+        (
+            ["{swept}", "--by", "colour"],
+            "can be taken apart by node, method, variant, plant.process_noise.std",
+        ),
+        (["{calm}", "--by", "plant.process_noise.std"], "can be taken apart by node, method, variant"),
+        (["{grid}", "--by", "seed"], "fix it as in '{grid}#plant.process_noise.std=VALUE'"),
+        (["nowhere#0"], "nowhere holds no run and no campaign"),
+    ],
+)
+def test_what_no_campaign_holds_is_refused_alike_wherever_it_is_named(
+    gauntlet: Command, swept: Path, calm: Path, grid: Path, command: str, arguments: list[str], cure: str
+) -> None:
+    places = {"swept": swept, "calm": calm, "grid": grid}
+    answer = gauntlet(command, *(part.format(**places) for part in arguments))
+    assert answer.code == 2
+    assert cure.format(**places) in answer.err
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,16 @@ import pytest
 
 from orchestrator.campaign.sweep import Request, prepare, sweep
 from orchestrator.command_line.campaign_output import QuietProgress
+from orchestrator.evidence.chosen import Chosen, choose
 from orchestrator.evidence.figures import rmse
 from orchestrator.evidence.sources import Source, load_source
 from orchestrator.report.contents import Page, Table
 from orchestrator.report.errors import ReportError
-from orchestrator.report.groups import Outcomes, find_groups, short_names, trial_rmse
+from orchestrator.report.grouping import find_groups
+from orchestrator.report.groups import Outcomes, short_names, trial_rmse
 from orchestrator.report.making import page_for
 from orchestrator.report.page import write_page
+from tests.orchestrator.report.conftest import SWEPT
 from tests.orchestrator.report.looking import look_at
 
 if TYPE_CHECKING:
@@ -45,7 +48,7 @@ def table(page: Page, title: str) -> Table:
 
 
 def test_groups_are_estimators_that_differ_only_in_what_they_hear(campaign: Path) -> None:
-    groups = find_groups([load_source(campaign)], None, [])
+    groups = find_groups([choose(campaign)], None, [])
     assert len({group.variant for group in groups}) == 2
     assert [group.nodes for group in groups[:3]] == [["e1", "e2", "e3"], ["lone"], ["strict"]]
     assert groups[0].attacked == ("e2",)
@@ -54,8 +57,68 @@ def test_groups_are_estimators_that_differ_only_in_what_they_hear(campaign: Path
 
 @pytest.mark.parametrize(("by", "each"), [("node", 5), ("method", 2), ("variant", 1)])
 def test_groups_can_be_made_otherwise(campaign: Path, by: str, each: int) -> None:
-    groups = find_groups([load_source(campaign)], by, [])  # type: ignore[arg-type]
+    groups = find_groups([choose(campaign)], by, [])
     assert len(groups) == 2 * each
+
+
+def test_a_variant_of_a_campaign_is_reported_alone_with_the_figures_it_has_among_all(
+    campaign: Path, campaign_page: Page
+) -> None:
+    alone = page_for([f"{campaign}#attacks=null"])
+    assert table(alone, "Variants").rows[0][1] == "attacks null, secure_distributed"
+    whole = table(campaign_page, "RMSE over all").rows
+    assert table(alone, "RMSE over all").rows == [row for row in whole if row[0].startswith("attacks null")]
+    assert alone.facts.endswith("Of the 2 variants of swept, those with attacks=null.")
+    assert table(alone, "Consistency over all").rows
+    by_number = page_for([f"{campaign}#1"])
+    assert table(by_number, "RMSE over all").rows == table(alone, "RMSE over all").rows
+    assert by_number.facts.endswith("Of the 2 variants of swept, number 1: attacks=null.")
+
+
+def test_variants_of_two_places_are_told_apart_by_these(campaign: Path, attacked_run: Path) -> None:
+    names = [
+        row[1] for row in table(page_for([f"{campaign}#0", f"{campaign}#1"], "variant"), "Variants").rows
+    ]
+    assert names == ["attacks as given", "attacks null"], "one campaign needs no name"
+    names = [row[1] for row in table(page_for([f"{campaign}#1", attacked_run], "variant"), "Variants").rows]
+    assert names == ["swept, attacks null", "attacked-run"]
+
+
+@pytest.fixture(scope="module")
+def lossy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The directory of a campaign over a loss and a threshold."""
+    home = tmp_path_factory.mktemp("lossy")
+    (home / "lossy.yaml").write_text(SWEPT + "channel: {s1->lone: {bernoulli: {loss: 0.1}}}\n")
+    grid = ("channel...loss=0.5,0.0,0.2", "estimators.strict.threshold=4,9")
+    request = Request(home / "lossy.yaml", 2, overrides=grid, out=home / "out")
+    return sweep(prepare(request), QuietProgress())
+
+
+def test_errors_are_drawn_over_the_numbers_that_were_swept(lossy: Path) -> None:
+    page = page_for([lossy])
+    (figure,) = (own for own in page.figures if own.name == "swept")
+    assert figure.title == "RMSE over loss"
+    (path, *_), *_ = figure.views
+    assert {key[0] for key in figure.views} == {"channel...loss"}, "two thresholds make no curve"
+    lines = {trace["name"]: trace for trace in figure.views[path, "position", "all"].traces}
+    assert len(lines) == 2 * 3, "two thresholds, three kinds of estimators"
+    drawn = lines["threshold 9, kalman lone"]
+    assert drawn["x"].tolist() == [0.0, 0.2, 0.5]
+    groups = find_groups([choose(lossy)], None, [])
+    own = {group.settings[path]: group for group in groups if group.nodes == ["lone"]}
+    found = [rmse(own[value].rows, "position").value for value in ("0.0", "0.2", "0.5")]
+    assert drawn["y"] == pytest.approx(found)
+
+
+def test_by_a_path_all_estimators_of_a_value_are_one_as_in_a_comparison(lossy: Path) -> None:
+    page = page_for([f"{lossy}#channel...loss=0.2"], "estimators.strict.threshold")
+    assert [row[1:4:2] for row in table(page, "Variants").rows] == [
+        ("loss 0.2, threshold 4", "2"),
+        ("loss 0.2, threshold 9", "2"),
+    ]
+    (figure,) = (own for own in page.figures if own.name == "swept")
+    (trace,) = figure.initial.traces
+    assert trace["x"].tolist() == [4.0, 9.0]
 
 
 def test_settings_are_named_by_as_much_as_tells_them_apart() -> None:
@@ -64,7 +127,7 @@ def test_settings_are_named_by_as_much_as_tells_them_apart() -> None:
 
 
 def test_the_page_says_what_the_statistics_of_evidence_say(campaign: Path, campaign_page: Page) -> None:
-    groups = find_groups([load_source(campaign)], None, [])
+    groups = find_groups([choose(campaign)], None, [])
     own = table(campaign_page, "RMSE over all")
     found = rmse(groups[1].rows, "position")
     column = list(own.columns).index("position")
@@ -75,14 +138,14 @@ def test_the_page_says_what_the_statistics_of_evidence_say(campaign: Path, campa
 def test_the_page_marks_whom_an_oracle_tells_of_attacks(tmp_path: Path) -> None:
     file = Path(__file__).parents[3] / "topologies/sadeghzadeh2022/noisy_sensor.yaml"
     request = Request(file, 2, overrides=("steps=30",), out=tmp_path / "out", workers=1)
-    groups = find_groups([load_source(sweep(prepare(request), QuietProgress()))], "node", [])
+    groups = find_groups([choose(sweep(prepare(request), QuietProgress()))], "node", [])
     assert [group.name for group in groups] == [
         *("clean", "normal", "proposed PRIVILEGED", "rederived PRIVILEGED", "tracking")
     ]
 
 
 def test_the_error_of_a_trial_is_that_of_its_estimators_together(campaign: Path) -> None:
-    group = find_groups([load_source(campaign)], None, [])[0]
+    group = find_groups([choose(campaign)], None, [])[0]
     values = group.rows.scalar("rmse.position").reshape(3, 3)
     assert trial_rmse(group.rows, "position") == pytest.approx(np.sqrt(np.mean(values**2, axis=1)))
     assert trial_rmse(group.of("attacked"), "position") == pytest.approx(values[:, 1])
@@ -116,9 +179,9 @@ def test_trials_without_a_score_are_counted_and_told(campaign: Path, tmp_path: P
     pq.write_table(
         held.sort_by([("variant", "ascending"), ("trial", "ascending")]), tmp_path / "results.parquet"
     )
-    groups = find_groups([load_source(tmp_path)], None, [])
+    groups = find_groups([choose(tmp_path)], None, [])
     assert Outcomes.of(groups) == dataclasses.replace(
-        Outcomes.of(find_groups([source], None, [])), failed=1, passed=5
+        Outcomes.of(find_groups([choose(campaign)], None, [])), failed=1, passed=5
     )
     page = page_for([tmp_path])
     assert page.word == "PARTLY FAILED"
@@ -170,9 +233,9 @@ def test_the_same_campaign_gives_the_same_bytes(campaign: Path, campaign_file: P
 def test_very_many_judged_packets_are_read_in_part_and_the_page_says_so(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("orchestrator.report.groups.PACKETS", 100)
+    monkeypatch.setattr("orchestrator.report.grouping.PACKETS", 100)
     notes: list[str] = []
-    groups = find_groups([load_source(campaign)], None, notes)
+    groups = find_groups([choose(campaign)], None, notes)
     assert notes[0].startswith("Detection is told of the first 2 of 3 trials")
     assert groups[0].judged.trials == 2
     assert groups[0].rows.trials == 3
@@ -210,10 +273,6 @@ def test_an_empty_source_is_refused_with_its_place(campaign: Path) -> None:
         """A source of which no trial is left."""
 
         table = source.table.slice(0, 0)
-        documents = source.documents
-
-        def read(self, wanted: object) -> object:  # type: ignore[override]
-            return self.table
 
     with pytest.raises(ReportError, match="holds no trial that was scored"):
-        find_groups([Empty("run", "empty", campaign, {})], None, [])
+        find_groups([Chosen(Empty("run", "empty", campaign, {}), "", {0: {}})], None, [])
