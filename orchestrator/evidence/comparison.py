@@ -16,6 +16,7 @@ from enum import Enum
 import numpy as np
 
 from orchestrator.evidence.bootstrap import CONFIDENCE
+from orchestrator.evidence.comparability import different_ground, different_numbers
 from orchestrator.evidence.contenders import Contender
 from orchestrator.evidence.metrics import Better, meaning_of
 from orchestrator.evidence.ranks import (
@@ -186,6 +187,14 @@ def _verdict(
     if _is_within(difference, equal_within):
         return Verdict.EQUAL
     return Verdict.UNDECIDED
+
+
+def warnings(comparison: Comparison) -> list[str]:
+    """Return why metrics of the contenders may not be of the same thing."""
+    names = [contender.name for contender in comparison.contenders]
+    numbers = [len(set(contender.rows.text("node"))) for contender in comparison.contenders]
+    documents = [contender.document for contender in comparison.contenders]
+    return [*different_ground(names, documents), *different_numbers(names, numbers, comparison.metrics)]
 
 
 def remarks(comparison: Comparison) -> Iterator[str]:

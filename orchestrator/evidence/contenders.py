@@ -7,11 +7,12 @@ method, or one estimator.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from orchestrator.errors import InputError
 from orchestrator.evidence.chosen import Chosen, shown, told_apart, variant_name
 from orchestrator.evidence.columns import COMPLETE, PRIVILEGED, Rows, select
+from orchestrator.evidence.comparability import Document, ground
 from orchestrator.evidence.metrics import is_measured_by_window
 from orchestrator.evidence.sources import Source
 from orchestrator.evidence.table import SWEPT
@@ -26,11 +27,12 @@ class ContenderError(InputError):
 
 @dataclass(frozen=True)
 class Contender:
-    """Somebody with a name, and where the rows are that tell of them."""
+    """Somebody with a name, where the rows are that tell of them, and the resolved topology that they ran."""
 
     name: str
     path: str
     rows: Rows
+    document: Document = field(default_factory=dict)
 
 
 def find_contenders(chosen: Sequence[Chosen], by: str | None, metrics: Sequence[str]) -> list[Contender]:
@@ -77,14 +79,18 @@ def _contenders(chosen: Chosen, by: str | None, metrics: Sequence[str], *, alone
     if by not in ("node", "method", None):
         chosen.check_by(by)
         table = source.read(lambda name: _is_needed(name, metrics), variants)
+        documents = _documents(chosen)
         return [
-            Contender(variant_name(variant, settings), path, select(table, variant=variant))
+            Contender(
+                variant_name(variant, settings), path, select(table, variant=variant), documents[variant]
+            )
             for variant, settings in variants.items()
         ]
     _refuse_several(chosen, "as one contender" if by is None else f"with --by {by}")
     table = source.read(lambda name: _is_needed(name, metrics), variants)
+    (document,) = _documents(chosen).values()
     if by is None:
-        return [Contender(chosen.name, path, select(table))]
+        return [Contender(chosen.name, path, select(table), document)]
     names = dict.fromkeys(str(name) for name in table.column(by).to_pylist() if name)
     if not names:
         raise ContenderError(f"{source.path} cannot be taken apart by {by}: none of its trials was scored")
@@ -92,7 +98,19 @@ def _contenders(chosen: Chosen, by: str | None, metrics: Sequence[str], *, alone
         (name, select(table, nodes=[name]) if by == "node" else select(table, methods=[name]))
         for name in names
     ]
-    return [Contender(_marked(name, own), path, own) for name, own in rows]
+    return [Contender(_marked(name, own), path, own, document) for name, own in rows]
+
+
+def _documents(chosen: Chosen) -> dict[int, Document]:
+    """Return the topology of each variant, or that of one that stands on the same ground.
+
+    To read one takes a while, and of most campaigns one will do.
+    """
+    alike: dict[object, int] = {}
+    return {
+        variant: chosen.source.document(alike.setdefault(ground(settings), variant))
+        for variant, settings in chosen.variants.items()
+    }
 
 
 def _check_metrics(source: Source, metrics: Sequence[str]) -> None:

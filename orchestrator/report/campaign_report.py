@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from orchestrator.evidence.chosen import Chosen, shown, told_apart
+from orchestrator.evidence.comparability import different_ground
 from orchestrator.evidence.detectors import Detection
 from orchestrator.evidence.figures import rmse
 from orchestrator.report.campaign_consistency import consistency_curves
@@ -40,15 +42,15 @@ def _detection_blocks(found: Mapping[str, Detection]) -> list[Block]:
     return blocks
 
 
-def _headline(groups: Sequence[Group]) -> str:
-    """Return in a sentence what became of the trials, and who erred least."""
+def _headline(groups: Sequence[Group], *, comparable: bool) -> str:
+    """Return in a sentence what became of the trials, and who erred least where that can be compared."""
     own = Outcomes.of(groups)
     told = f"All that was expected held in {own.passed:,} of {own.trials:,} trials"
     told += f"; in {own.diverged:,} an estimator diverged" if own.diverged else "; no estimator diverged"
     state = state_names(groups)[0]
     errors = {group.name: rmse(group.rows, state, group.confidence) for group in groups}
     known = {name: own for name, own in errors.items() if np.isfinite(own.value)}
-    if len(known) < 2:
+    if len(known) < 2 or not comparable:
         return f"{told}."
     best = min(known, key=lambda name: known[name].value)
     where = "the state" if state == "state" else state
@@ -79,6 +81,7 @@ def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
     """Return the page of a campaign, or of several sources side by side; ``by`` as `find_groups` says."""
     notes: list[str] = []
     groups = find_groups(chosen, by, notes)
+    warnings = different_ground(*_ran(groups))
     sections = [
         Section("variants-section", "Variants", _variant_blocks(groups, chosen)),
         Section("errors-section", "Errors", _error_blocks(groups, by, notes)),
@@ -95,13 +98,20 @@ def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
         title=" and ".join(dict.fromkeys(own.name for own in chosen)),
         kind="Campaign report" if len(chosen) == 1 else "Comparison",
         word="PARTLY FAILED" if failed else "DONE",
-        tone="warn" if failed else "plain",
-        headline=_headline(groups),
+        tone="warn" if failed or warnings else "plain",
+        headline=_headline(groups, comparable=not warnings),
         facts=_facts(groups, chosen),
         tiles=_tiles(groups),
         sections=sections,
         notes=notes,
+        warnings=[f"{warning[:1].upper()}{warning[1:]}." for warning in warnings],
     )
+
+
+def _ran(groups: Sequence[Group]) -> tuple[list[str], list[Mapping[str, Any]]]:
+    """Return each variant by name, with the topology that it ran."""
+    variants = {group.variant: group for group in groups}.values()
+    return [group.variant_name for group in variants], [group.document for group in variants]
 
 
 def _variant_blocks(groups: Sequence[Group], chosen: Sequence[Chosen]) -> list[Block]:

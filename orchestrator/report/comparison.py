@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from orchestrator.evidence.comparison import Compared, Comparison, Verdict, compare, remarks
+from orchestrator.evidence.comparison import Compared, Comparison, Verdict, compare, remarks, warnings
 from orchestrator.evidence.contenders import Contender
 from orchestrator.evidence.price import find_twins, price
 from orchestrator.evidence.wording import figure, sentence
@@ -35,7 +35,7 @@ def comparison_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
         return []
     if len(groups) > CONTENDERS:
         notes.append(f"The first {CONTENDERS} of {len(groups)} groups are compared two by two.")
-    contenders = [Contender(group.name, "", group.rows) for group in groups[:CONTENDERS]]
+    contenders = [Contender(group.name, "", group.rows, group.document) for group in groups[:CONTENDERS]]
     states = state_names(groups)
     metrics = [f"rmse.{state}" for state in dict.fromkeys((states[0], "state"))] + ["nees.ratio"]
     found = compare(contenders, metrics, groups[0].confidence)
@@ -63,6 +63,8 @@ def _words(found: Comparison) -> list[Text]:
     judged = len(found.compared) - sum(own.verdict is Verdict.UNDEFINED for own in found.compared)
     holm = f"p values are adjusted together for {judged} comparisons (Holm); each interval is for itself."
     notes = [Text(f"Note: {remark}.") for remark in dict.fromkeys(remarks(found))]
+    if warnings(found):
+        told.insert(0, Text("The warnings at the head of this page hold for every comparison here."))
     return [*told, Text(holm), *notes]
 
 
@@ -85,6 +87,7 @@ def _table(found: Comparison) -> Table:
             "-" if not np.isfinite(own.relative) else f"{100 * own.relative:+.1f} %",
             "< 0.0001" if own.p_adjusted < 1e-4 else f"{own.p_adjusted:.2g}",
             f"{own.difference.effect:+.2f}",
+            _trials(own),
             _verdict(own),
         )
         for own in found.compared
@@ -92,10 +95,15 @@ def _table(found: Comparison) -> Table:
     ]
     columns = (
         *("metric", "first", "second", "first less second", "relative"),
-        *("p (Holm)", "effect", "verdict"),
+        *("p (Holm)", "effect", "common trials", "verdict"),
     )
-    title = f"Every two, over common trials ({100 * found.confidence:g} % intervals)"
-    return Table(title, columns, rows, frozenset({0, 1, 2, 7}), folded=len(rows) > 12)
+    title = f"Every two, with {100 * found.confidence:g} % intervals"
+    return Table(title, columns, rows, frozenset({0, 1, 2, 8}), folded=len(rows) > 12)
+
+
+def _trials(own: Compared) -> str:
+    first, second = own.difference.sizes
+    return f"{first:,}" if own.difference.paired else f"too few: {first:,} and {second:,}, unpaired"
 
 
 def _difference_figure(found: Comparison) -> Figure:
@@ -125,8 +133,9 @@ def _difference_figure(found: Comparison) -> Figure:
             "margin": {"l": 30, "r": 18, "t": 10, "b": 44},
         },
         choices=(Choice("Metric", [(metric, metric) for metric in found.metrics], found.metrics[0]),),
-        text="The median difference of common trials, by the numbers of the table of variants. Where the bar "
-        "does not reach zero (dotted), one is better; the verdicts also count how much was compared at once.",
+        text="The median difference, trial by trial where there are common ones, by the numbers of the table "
+        "of variants. Where the bar does not reach zero (dotted), one is better; the verdicts also count how "
+        "much was compared at once.",
         height=110 + (34 if len(numbers) <= NAMED else 24) * most,
     )
 

@@ -38,6 +38,11 @@ class Group:
     document: Mapping[str, Any]
 
     @property
+    def variant_name(self) -> str:
+        """The name of its variant: without the part, unless there is nothing else."""
+        return ", ".join(filter(None, (self.title, *described(self.settings).values()))) or self.part
+
+    @property
     def from_step(self) -> int:
         """The first step that counts in averages."""
         return int(self._options.get("from_step", 0))

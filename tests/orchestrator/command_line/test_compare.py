@@ -128,6 +128,30 @@ def test_two_campaigns_are_paired_by_seed_and_trial(gauntlet: Command, swept: Pa
     assert [contender["path"] for contender in told["contenders"]] == [str(swept), str(calm)]
 
 
+def test_contenders_on_another_ground_are_warned_of_to_people_and_to_programs(
+    gauntlet: Command, swept: Path, calm: Path, finished_run: Path
+) -> None:
+    said = " ".join(gauntlet("compare", swept).out.split())
+    assert "Warning: they ran different plants (plant.process_noise.std differs): a difference in" in said
+    assert said.index("Warning:") < said.index("is better than")
+    told = gauntlet("compare", f"{swept}#1", calm, "--json").json()
+    (warning,) = told["warnings"]
+    assert warning.startswith(
+        "they ran different plants (plant.process_noise.std is 3 for small#1, 0.2 for small)"
+    )
+    same = gauntlet("compare", f"{swept}#0", calm, finished_run, "--json").json()
+    assert same["warnings"] == [], "the plant is the same, attacked or not, in a campaign or a run"
+
+
+def test_other_seeds_are_compared_unpaired_and_said_so(gauntlet: Command, calm: Path, tmp_path: Path) -> None:
+    other = campaign(tmp_path, "other", "attacks=null", "seed=8")
+    said = " ".join(gauntlet("compare", calm, other).out.split())
+    assert "10 and 10 trials, unpaired, since fewer than two have seed and trial in common" in said
+    told = gauntlet("compare", calm, other, "--json").json()
+    assert [own["paired"] for own in told["comparisons"]] == [False]
+    assert told["warnings"] == []
+
+
 def test_two_runs_are_too_few_and_it_says_so(gauntlet: Command, finished_run: Path) -> None:
     answer = gauntlet("compare", finished_run, finished_run / "run.mcap", "--metric", "rmse.state")
     assert answer.code == 0

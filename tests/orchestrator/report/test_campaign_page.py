@@ -195,6 +195,19 @@ def test_two_runs_are_compared_on_one_page(attacked_run: Path) -> None:
     assert len(set(names)) == 4, "two methods of each run, told apart"
     verdicts = {(row[1], row[2]): row[-1].text for row in table(page, "Every two").rows}
     assert verdicts[names[0], names[2]] == "identical"
+    assert page.warnings == []
+    assert {row[-2] for row in table(page, "Every two").rows} == {"1"}
+
+
+def test_trials_of_other_seeds_are_compared_unpaired_and_the_page_says_so(
+    campaign: Path, tmp_path: Path
+) -> None:
+    request = Request(campaign.parent / "swept.yaml", 2, seed=9, out=tmp_path / "other")
+    other = sweep(prepare(request), QuietProgress())
+    page = page_for([f"{campaign}#attacks=as given", other], "variant")
+    assert page.warnings == []
+    rows = [row for row in table(page, "Every two").rows if row[0] == "rmse.position"]
+    assert [row[-2] for row in rows] == ["too few: 3 and 2, unpaired"]
 
 
 def test_every_difference_has_a_row_of_its_own_however_long_the_names(campaign_page: Page) -> None:
@@ -217,6 +230,16 @@ def test_sources_of_different_plants_are_compared_in_what_they_share(
     run_topology(topology, directory, "inprocess", lambda recorded: None)
     page = page_for([attacked_run, directory])
     assert table(page, "RMSE over all").columns == ("variant", "whole state")
+    assert page.warnings == [
+        "They ran different plants (plant.model is constant_acceleration for attacked-run, linear for other)"
+        ": a difference in errors may be the plants', not the estimators'.",
+        "Their runs are not as long (steps is 60 for attacked-run, 20 for other): "
+        "averages, peaks and counts are not of the same time.",
+    ]
+    assert page.tone == "warn"
+    assert "smallest RMSE" not in page.headline, "what is of different plants has no best one"
+    write_page(page, tmp_path / "report.html")
+    assert "<strong>Warning</strong> They ran different plants" in (tmp_path / "report.html").read_text()
 
 
 def test_a_run_taken_apart_by_node_compares_its_estimators(attacked_run: Path) -> None:
