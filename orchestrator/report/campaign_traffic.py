@@ -94,12 +94,13 @@ def _or_zero(value: float) -> float:
 
 
 def disagreement_figure(groups: Sequence[Group]) -> Figure | None:
-    """Return how far the estimators of a network are apart over time, with bands."""
+    """Return how far estimators that belong together are apart over time, with bands."""
     traces: list[Trace] = []
     for number, group in enumerate(groups):
         found = disagreement_curve(group.rows, group.confidence)
         if np.isfinite(found.value).any():
-            traces += band_traces(found, group.name, number)
+            alone = (", each alone" if len(group.nodes) > 1 else ", alone") if group.is_apart else ""
+            traces += band_traces(found, f"{group.name}{alone}", number)
     if not traces:
         return None
     return Figure(
@@ -111,6 +112,7 @@ def disagreement_figure(groups: Sequence[Group]) -> Figure | None:
             "yaxis": error_axis("disagreement", [trace["y"] for trace in traces]),
             "hovermode": "x unified",
         },
-        text="RMS distance of the estimates of one network from their mean, over trials.",
+        text="RMS distance from their mean of the estimates of one network, or of estimators of one method "
+        "that are each alone; over trials.",
         height=300,
     )

@@ -43,6 +43,12 @@ class Group:
         return ", ".join(filter(None, (self.title, *described(self.settings).values()))) or self.part
 
     @property
+    def is_apart(self) -> bool:
+        """Whether none of its estimators exchanges anything with another one."""
+        edges = (self.document.get("graph") or {}).get("edges") or []
+        return not any({*edge[:2]}.intersection(self.nodes) for edge in edges)
+
+    @property
     def from_step(self) -> int:
         """The first step that counts in averages."""
         return int(self._options.get("from_step", 0))

@@ -16,9 +16,9 @@ from orchestrator.report.thinning import STRETCHES
 from orchestrator.report.tracking import disagreement_figure, error_figure, tracking_figure
 from orchestrator.report.traffic import link_table, matrix_figure, rate_figure
 from orchestrator.score.gather import Bools
+from orchestrator.score.headline import headline
 from orchestrator.score.judging import show
 from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Score
-from orchestrator.score.verdict import headline
 
 TONES = {"PASSED": "good", "FAILED": "bad", "INCOMPLETE": "warn", "DONE": "plain"}
 WINDOW_ROWS = 200

@@ -382,6 +382,13 @@ class Score(Result, frozen=True, kw_only=True):
     expectations: list[Outcome]
     senders: list[SenderScore] = []
 
+    @property
+    def exchanging(self) -> frozenset[str]:
+        """The estimators that a link joins to another one; each of the others is alone."""
+        names = {node.name for node in self.nodes}
+        joined = ({link.source, link.destination} for link in self.links)
+        return frozenset(name for ends in joined if ends <= names for name in ends)
+
     def to_json(self) -> bytes:
         """Return the canonical JSON: equal scores give equal bytes."""
         return canonical_json(msgspec.to_builtins(self))

@@ -264,6 +264,14 @@ def test_very_many_judged_packets_are_read_in_part_and_the_page_says_so(
     assert groups[0].rows.trials == 3
 
 
+def test_only_estimators_that_exchange_are_called_a_network(campaign: Path, campaign_page: Page) -> None:
+    groups = {group.name: group for group in find_groups([choose(campaign)], None, [])}
+    assert {own.nodes[0] for own in groups.values() if own.is_apart} == {"lone", "strict"}
+    (figure,) = (own for own in campaign_page.figures if own.name == "disagreement")
+    named = {trace["name"] for trace in figure.initial.traces}
+    assert named == {f"{name}, alone" if own.is_apart else name for name, own in groups.items()}
+
+
 def test_every_figure_of_a_campaign_is_one_that_plotly_takes(campaign_page: Page) -> None:
     from plotly.graph_objects import Figure as Checked
 

@@ -20,6 +20,18 @@ pytest.importorskip("plotly", reason="reports are an extra")
 pytest.importorskip("jinja2", reason="reports are an extra")
 
 LARGEST_BYTES = 12_000_000
+ALONE = """
+name: alone
+steps: 20
+period_s: 0.1
+plant: {model: linear, A: [[0.9]], process_noise: {std: 0.1}, initial: {std: 1.0}}
+sensors: {s1..s4: {model: linear, C: [[1.0]], noise: {std: 0.1}}}
+estimators:
+  e1: {method: kalman, sensors: [s1]}
+  e2: {method: kalman, sensors: [s2]}
+  e3: {method: kalman, sensors: [s3]}
+  e4: {method: kalman, sensors: [s4]}
+"""
 VOID = {"meta", "link", "br", "input", "img", "hr"}
 
 
@@ -97,6 +109,28 @@ def test_every_part_that_a_run_has_is_there(page: Page) -> None:
         *("network", "tracking", "errors", "disagreement", "consistency-summary", "consistency"),
         *("detection", "roc", "traffic", "links"),
     ]
+
+
+def test_estimators_that_are_each_alone_are_called_no_network(page: Page, tmp_path: Path) -> None:
+    from orchestrator.run import run_topology
+    from orchestrator.run_directory import make_run_directory
+    from orchestrator.topology.load import load_topology
+
+    def disagreement(page: Page) -> Figure:
+        return next(own for own in page.figures if own.name == "disagreement")
+
+    assert disagreement(page).text.endswith(
+        "of each network, or of estimators of one method that are each alone."
+    )
+    assert [trace["name"] for trace in disagreement(page).initial.traces] == ["e1 to e3"]
+    (tmp_path / "alone.yaml").write_text(ALONE)
+    topology = load_topology(tmp_path / "alone.yaml")
+    directory = make_run_directory(tmp_path / "out", "alone", 1)
+    run_topology(topology, directory, "inprocess", lambda recorded: None)
+    alone = page_for([directory])
+    assert alone.headline == "The estimators e1..e4, each alone, kept tracking; nothing was expected of it."
+    assert disagreement(alone).text.endswith("the estimators of one method, each of them alone.")
+    assert [trace["name"] for trace in disagreement(alone).initial.traces] == ["e1 to e4, each alone"]
 
 
 def test_the_same_run_gives_the_same_bytes(attacked_run: Path, run_file: Path, tmp_path: Path) -> None:
