@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Key = tuple[int, int]
 """Seed and trial: what runs with common random numbers share."""
 
-PRIVILEGED, COMPLETE = "privileged", "complete"
+PRIVILEGED, COMPLETE, MISSING = "privileged", "complete", "missing_estimates"
 """Columns that tell what figures must not be taken for."""
 
 
@@ -64,6 +64,13 @@ class Rows:
         if COMPLETE not in self.table.column_names:
             return 0
         return int(np.unique(self.trial[self.scalar(COMPLETE) == 0.0]).size)
+
+    @property
+    def most_missing(self) -> int:
+        """The most estimates that any estimator owes in a trial; of a record cut off, how many steps lack."""
+        if MISSING not in self.table.column_names:
+            return 0
+        return int(np.nanmax(self.scalar(MISSING), initial=0.0))
 
     def scalar(self, name: str) -> Floats:
         """Return a column of numbers (R,), NaN where undefined."""

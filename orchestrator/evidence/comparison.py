@@ -212,9 +212,10 @@ def _remarks_on_rows(contender: Contender) -> Iterator[str]:
     for node, attacks in rows.privileged.items():
         yield f"{contender.name}: an oracle tells {node} of {attacks}, which no honest estimator knows"
     if rows.incomplete:
-        total = rows.trials
+        total, steps = rows.trials, int(contender.document.get("steps", 0))
         record = "its record" if total == 1 else f"the record of {rows.incomplete} of {total} trials"
-        yield f"{contender.name}: {record} is incomplete; figures are those of what is there"
+        there = f" ({steps - rows.most_missing} of {steps} steps)" if total == 1 and steps else ""
+        yield f"{contender.name}: {record} is incomplete{there}; figures are those of what is there"
 
 
 def _remarks(name: str, metric: str, own: Sample) -> Iterator[str]:

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field, replace
 
 from orchestrator.errors import InputError
 from orchestrator.evidence.chosen import Chosen, shown, told_apart, variant_name
-from orchestrator.evidence.columns import COMPLETE, PRIVILEGED, Rows, select
+from orchestrator.evidence.columns import COMPLETE, MISSING, PRIVILEGED, Rows, select
 from orchestrator.evidence.comparability import Document, ground
 from orchestrator.evidence.metrics import is_measured_by_window
 from orchestrator.evidence.sources import Source
 from orchestrator.evidence.table import SWEPT
 from orchestrator.topology.problems import did_you_mean
 
-_KEYS = ("variant", "trial", "seed", "node", "method", "status", PRIVILEGED, COMPLETE)
+_KEYS = ("variant", "trial", "seed", "node", "method", "status", PRIVILEGED, COMPLETE, MISSING)
 
 
 class ContenderError(InputError):

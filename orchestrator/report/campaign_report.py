@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -81,7 +81,8 @@ def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
     """Return the page of a campaign, or of several sources side by side; ``by`` as `find_groups` says."""
     notes: list[str] = []
     groups = find_groups(chosen, by, notes)
-    warnings = different_ground(*_ran(groups))
+    cut_off = list(_cut_off(groups, chosen))
+    warnings = [*cut_off, *different_ground(*_ran(groups))]
     sections = [
         Section("variants-section", "Variants", _variant_blocks(groups, chosen)),
         Section("errors-section", "Errors", _error_blocks(groups, by, notes)),
@@ -93,12 +94,12 @@ def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
     compared = comparison_blocks(groups, notes)
     if compared:
         sections.insert(1, Section("comparison-section", "Comparison", compared))
-    failed = bool(Outcomes.of(groups).failed)
+    word = "INCOMPLETE" if cut_off else "PARTLY FAILED" if Outcomes.of(groups).failed else "DONE"
     return Page(
         title=" and ".join(dict.fromkeys(own.name for own in chosen)),
         kind="Campaign report" if len(chosen) == 1 else "Comparison",
-        word="PARTLY FAILED" if failed else "DONE",
-        tone="warn" if failed or warnings else "plain",
+        word=word,
+        tone="warn" if word != "DONE" or warnings else "plain",
         headline=_headline(groups, comparable=not warnings),
         facts=_facts(groups, chosen),
         tiles=_tiles(groups),
@@ -112,6 +113,22 @@ def _ran(groups: Sequence[Group]) -> tuple[list[str], list[Mapping[str, Any]]]:
     """Return each variant by name, with the topology that it ran."""
     variants = {group.variant: group for group in groups}.values()
     return [group.variant_name for group in variants], [group.document for group in variants]
+
+
+def _cut_off(groups: Sequence[Group], chosen: Sequence[Chosen]) -> Iterator[str]:
+    """Yield how much there is of each record that breaks off."""
+    for variant in dict.fromkeys(group.variant for group in groups):
+        own = [group for group in groups if group.variant == variant]
+        first, incomplete = own[0], max(group.rows.incomplete for group in own)
+        if not incomplete:
+            continue
+        name = first.variant_name if first.title or first.settings else chosen[variant[0]].name
+        told = f"the record of {incomplete} of {first.rows.trials} trials of {name} is incomplete"
+        if first.rows.trials == 1:
+            steps = int(first.document["steps"])
+            there = steps - max(group.rows.most_missing for group in own)
+            told = f"the record of {name} is incomplete, {there} of {steps} steps recorded"
+        yield f"{told}: its figures are those of what is there"
 
 
 def _variant_blocks(groups: Sequence[Group], chosen: Sequence[Chosen]) -> list[Block]:

@@ -43,6 +43,7 @@ def _tiles(score: Score) -> list[Tile]:
     diverged = sum(node.divergence_step is not None for node in score.nodes)
     held = sum(outcome.passed for outcome in score.expectations)
     tiles = [
+        *_missing(score),
         Tile(
             "Expectations held",
             f"{held} of {len(score.expectations)}" if score.expectations else "none",
@@ -67,6 +68,21 @@ def _tiles(score: Score) -> list[Tile]:
             f"{judged.false_positive:,} of {genuine:,}",
             tone="warn" if score.lockouts else "plain",
         ),
+    ]
+
+
+def _missing(score: Score) -> list[Tile]:
+    """Return how much of the run is there, where that is not all of it."""
+    if score.complete:
+        return []
+    missing = score.steps - score.steps_recorded
+    return [
+        Tile(
+            "Steps recorded",
+            f"{score.steps_recorded:,} of {score.steps:,}",
+            f"{missing:,} missing",
+            tone="warn",
+        )
     ]
 
 
@@ -170,6 +186,10 @@ def _origin_table(recording: Recording, path: Path) -> Table:
         if key.startswith("version.")
     )
     state = "complete" if recording.log.complete else "incomplete"
+    if recording.log.truncated:
+        state = "cut off; gauntlet log recover makes it whole"
+    if not recording.score.complete:
+        state += f"; {recording.score.steps_recorded} of {recording.score.steps} steps"
     rows = [
         ("log", str(path)),
         ("topology", facts["name"]),

@@ -184,7 +184,8 @@ def headline(score: Score) -> str:
         missing = several(
             int(sum(expected_estimates(score, node) - node.steps_scored for node in score.nodes)), "estimate"
         )
-        return f"INCOMPLETE: {missing} missing from the record; as far as it goes, {_story(score)}."
+        recorded = f"{score.steps_recorded} of {several(score.steps, 'step')} recorded"
+        return f"INCOMPLETE: {recorded}, {missing} missing; as far as they go, {_story(score)}."
     if failed:
         named = _listed(list(dict.fromkeys(failed)), "metric")
         return (

@@ -152,6 +152,15 @@ def test_other_seeds_are_compared_unpaired_and_said_so(gauntlet: Command, calm: 
     assert told["warnings"] == []
 
 
+def test_it_is_told_how_much_there_is_of_a_record_that_breaks_off(
+    gauntlet: Command, finished_run: Path, cut_off: tuple[Path, int]
+) -> None:
+    log, steps = cut_off
+    told = gauntlet("compare", log, finished_run, "--json").json()
+    (remark,) = told["remarks"]
+    assert remark.startswith(f"small (cut.mcap): its record is incomplete ({steps} of 24 steps); figures are")
+
+
 def test_two_runs_are_too_few_and_it_says_so(gauntlet: Command, finished_run: Path) -> None:
     answer = gauntlet("compare", finished_run, finished_run / "run.mcap", "--metric", "rmse.state")
     assert answer.code == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 import sys
 from pathlib import Path
@@ -30,6 +31,36 @@ def test_a_run_is_reported_from_its_directory_or_its_log(
     text = (home / "out" / "report.html").read_text()
     assert text.startswith("<!doctype html>")
     assert "<strong>PASSED</strong>" in text
+
+
+def test_the_head_of_a_report_tells_how_much_of_a_run_is_there(
+    gauntlet: Command, home: Path, finished_run: Path, cut_off: tuple[Path, int]
+) -> None:
+    log, steps = cut_off
+    there = f"{steps} of 24 steps"
+    assert gauntlet("report", log).code == 0
+    head = _head(home / "report.html")
+    assert f"INCOMPLETE {there} recorded, {3 * (24 - steps)} estimates missing; as far as they go, " in head
+    assert f"Steps recorded {steps} of 24 {24 - steps} missing" in head
+    whole = (home / "report.html").read_text()
+    assert f"cut off; gauntlet log recover makes it whole; {there}" in whole
+    assert gauntlet("report", log, "--by", "node").code == 0
+    head = _head(home / "report.html")
+    assert "INCOMPLETE All that was expected held in 0 of 1 trials" in head
+    assert f"The record of small is incomplete, {there} recorded: its figures are those of what is" in head
+    assert gauntlet("report", log, finished_run).code == 0
+    head = _head(home / "report.html")
+    assert f"The record of small (cut.mcap) is incomplete, {there} recorded" in head
+    assert "smallest RMSE" not in head
+    assert gauntlet("report", finished_run).code == 0
+    assert "recorded" not in _head(home / "report.html")
+
+
+def _head(page: Path) -> str:
+    """Return the text of a page down to its first section, in which spaces stand for tags."""
+    text = page.read_text()
+    part = text[text.index("<h1>") : text.index("<nav")]
+    return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", part)).split())
 
 
 def test_json_tells_what_was_written(gauntlet: Command, home: Path, finished_run: Path) -> None:

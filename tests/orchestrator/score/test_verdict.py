@@ -84,7 +84,7 @@ def test_a_record_cut_off_before_the_first_scored_step_is_no_tracking(make_netwo
     run = make_network()
     records = [record for record in run.records() if record[1].step < 5]
     result = score(run.plan(), records, state_groups=GROUPS, options=ScoreOptions(from_step=10))
-    assert headline(result).endswith("as far as it goes, no estimate was scored.")
+    assert headline(result).endswith("as far as they go, no estimate was scored.")
 
 
 def test_only_estimators_that_are_there_to_the_end_are_said_to_track(make_plan, recorder):
@@ -106,7 +106,7 @@ def test_an_incomplete_record_is_said_to_be_so(make_network):
     records = [record for record in run.records() if record[1].step < 149]
     result = score(run.plan(), records, state_groups=GROUPS, expectations=EXPECTATIONS)
     assert headline(result).startswith(
-        "INCOMPLETE: 20 estimates missing from the record; as far as it goes, "
+        "INCOMPLETE: 149 of 150 steps recorded, 20 estimates missing; as far as they go, "
     )
 
 
