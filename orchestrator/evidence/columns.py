@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 Key = tuple[int, int]
 """Seed and trial: what runs with common random numbers share."""
+
+_FIRST = ("position", "velocity", "acceleration")
+"""State groups that people name in this order."""
 
 PRIVILEGED, COMPLETE, MISSING = "privileged", "complete", "missing_estimates"
 """Columns that tell what figures must not be taken for."""
@@ -177,3 +180,8 @@ def _keys(table: pa.Table) -> list[Key]:
 def state_groups(table: pa.Table) -> list[str]:
     """Return the state groups that a table tells errors of, ``state`` among them."""
     return [name.partition(".")[2] for name in table.column_names if name.startswith("error.")]
+
+
+def in_usual_order(groups: Iterable[str]) -> list[str]:
+    """Return state groups as people name them: position, its derivatives, the others as they are given."""
+    return sorted(groups, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))

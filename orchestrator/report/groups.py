@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from orchestrator.evidence.bootstrap import CONFIDENCE
-from orchestrator.evidence.columns import Rows, state_groups
+from orchestrator.evidence.columns import Rows, in_usual_order, state_groups
 from orchestrator.score.gather import Bools, Floats
 
 ALL, ATTACKED = "all", "attacked"
@@ -92,10 +92,10 @@ class Group:
 
 
 def state_names(groups: Sequence[Group]) -> list[str]:
-    """Return the state groups that all tell errors of: ``position`` first, ``state``, all of it, last."""
+    """Return the state groups that all tell errors of, in their usual order: ``state``, all of it, last."""
     told = [state_groups(group.rows.table) for group in groups]
     found = [name for name in told[0] if name != "state" and all(name in own for own in told)]
-    return [*sorted(found, key=lambda name: name != "position"), "state"]
+    return [*in_usual_order(found), "state"]
 
 
 @dataclass(frozen=True)
