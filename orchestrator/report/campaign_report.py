@@ -9,6 +9,7 @@ import numpy as np
 
 from orchestrator.evidence.chosen import Chosen, shown, told_apart
 from orchestrator.evidence.comparability import different_ground
+from orchestrator.evidence.comparison import Comparison
 from orchestrator.evidence.detectors import Detection
 from orchestrator.evidence.figures import rmse
 from orchestrator.report.campaign_consistency import consistency_curves
@@ -25,7 +26,7 @@ from orchestrator.report.campaign_tables import (
     variant_table,
 )
 from orchestrator.report.campaign_traffic import disagreement_figure, pareto_figure
-from orchestrator.report.comparison import comparison_blocks, price_tables
+from orchestrator.report.comparison import compared, comparison_blocks, is_best, price_tables
 from orchestrator.report.contents import Block, Page, Section, Text, Tile
 from orchestrator.report.grouping import find_groups
 from orchestrator.report.groups import Group, Outcomes, state_names
@@ -42,19 +43,20 @@ def _detection_blocks(found: Mapping[str, Detection]) -> list[Block]:
     return blocks
 
 
-def _headline(groups: Sequence[Group], *, comparable: bool) -> str:
-    """Return in a sentence what became of the trials, and who erred least where that can be compared."""
+def _headline(groups: Sequence[Group], found: Comparison | None) -> str:
+    """Return in a sentence what became of the trials, and who erred least if these can be compared."""
     own = Outcomes.of(groups)
     told = f"All that was expected held in {own.passed:,} of {own.trials:,} trials"
     told += f"; in {own.diverged:,} an estimator diverged" if own.diverged else "; no estimator diverged"
     state = state_names(groups)[0]
     errors = {group.name: rmse(group.rows, state, group.confidence) for group in groups}
     known = {name: own for name, own in errors.items() if np.isfinite(own.value)}
-    if len(known) < 2 or not comparable:
+    if len(known) < 2 or found is None:
         return f"{told}."
     best = min(known, key=lambda name: known[name].value)
     where = "the state" if state == "state" else state
-    return f"{told}. The smallest RMSE of {where} is that of {best}: {interval(known[best])}."
+    how = "shown to be better than every other" if is_best(best, known, found) else "not shown to be the best"
+    return f"{told}. The smallest RMSE of {where} is that of {best}: {interval(known[best])}; it is {how}."
 
 
 def _tiles(groups: Sequence[Group]) -> list[Tile]:
@@ -91,16 +93,16 @@ def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
         Section("communication-section", "Communication", _communication_blocks(groups)),
         Section("origin-section", "Provenance", _origin_tables(chosen)),
     ]
-    compared = comparison_blocks(groups, notes)
-    if compared:
-        sections.insert(1, Section("comparison-section", "Comparison", compared))
+    found = compared(groups, notes)
+    if found is not None:
+        sections.insert(1, Section("comparison-section", "Comparison", comparison_blocks(found)))
     word = "INCOMPLETE" if cut_off else "PARTLY FAILED" if Outcomes.of(groups).failed else "DONE"
     return Page(
         title=" and ".join(dict.fromkeys(own.name for own in chosen)),
         kind="Campaign report" if len(chosen) == 1 else "Comparison",
         word=word,
         tone="warn" if word != "DONE" or warnings else "plain",
-        headline=_headline(groups, comparable=not warnings),
+        headline=_headline(groups, None if warnings else found),
         facts=_facts(groups, chosen),
         tiles=_tiles(groups),
         sections=sections,
@@ -154,8 +156,12 @@ def _consistency_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block
 
 
 def _communication_blocks(groups: Sequence[Group]) -> list[Block]:
-    found = [own for own in (pareto_figure(groups), disagreement_figure(groups)) if own]
-    return [*found] or [Text("There is one group of estimators, and no network in which to disagree.")]
+    front, apart = pareto_figure(groups), disagreement_figure(groups)
+    blocks: list[Block] = [own for own in (front, apart) if own]
+    if front is None and len(groups) > 1:
+        told = "All fill their slots as often: what a packet buys in error is not to be seen here."
+        blocks.insert(0, Text(told))
+    return blocks or [Text("There is one group of estimators, and no network in which to disagree.")]
 
 
 def _origin_tables(chosen: Sequence[Chosen]) -> list[Block]:

@@ -14,6 +14,9 @@ from orchestrator.evidence.timing import step_time
 from orchestrator.report.contents import Mark, Table, Text
 from orchestrator.report.groups import Group, Outcomes, state_names
 
+LISTED = 8
+"""Most entries of a list that the table of origins names."""
+
 _TONES = {"consistent": "good", "overconfident": "bad", "conservative": "warn", "unknown": "plain"}
 
 
@@ -140,7 +143,7 @@ def detection_table(found: Mapping[str, Detection]) -> Table:
         for name, own in found.items()
     ]
     columns = (
-        *("variant", "attacked rejected", "genuine rejected", "genuine a false alarm"),
+        *("variant", "attacked rejected", "genuine rejected", "genuine by false alarm"),
         *("AUC", "attacks found", "median delay"),
     )
     return Table("Detectors, with intervals over trials", columns, rows)
@@ -206,4 +209,7 @@ def origin_table(chosen: Chosen, name: str) -> Table:
 
 
 def _plain(value: object) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+    if not isinstance(value, list | tuple):
+        return str(value)
+    more = [f"and {len(value) - LISTED} more"] if len(value) > LISTED else []
+    return ", ".join([*map(str, value[:LISTED]), *more])

@@ -13,7 +13,7 @@ from orchestrator.report.contents import Choice, Figure, Trace, View
 from orchestrator.report.group_pieces import (
     band_traces,
     error_axis,
-    first_choice,
+    first_scope,
     scopes,
     state_choice,
 )
@@ -21,14 +21,20 @@ from orchestrator.report.groups import ALL, Group
 from orchestrator.report.lines import line, step_axis
 from orchestrator.report.palette import SERIES, SYMBOLS
 
+LEAST_APART = 1e-3
+"""The smallest difference between shares of slots that is drawn."""
+
 
 def pareto_figure(groups: Sequence[Group]) -> Figure | None:
-    """Return errors against how often nodes speak, with the front that nobody beats in both."""
+    """Return errors against how often nodes speak, with the front that nobody beats in both.
+
+    None where all speak as often: then there is nothing to choose between.
+    """
     choice, scope = state_choice(groups), scopes(groups)
     views: dict[tuple[str, ...], View] = {}
     rates = {which: [sent_rate(group.of(which)) for group in groups] for which, _ in scope}
     known = [rate.value for rate in rates[ALL] if np.isfinite(rate.value)]
-    if len(known) < 2:
+    if len(known) < 2 or np.ptp(known) < LEAST_APART:
         return None
     for state, _ in choice.options:
         for which, _ in scope:
@@ -47,7 +53,7 @@ def pareto_figure(groups: Sequence[Group]) -> Figure | None:
                 "zeroline": False,
             },
         },
-        choices=(choice, Choice("Of", scope, first_choice(scope))),
+        choices=(choice, Choice("Of", scope, first_scope(groups))),
         text="Left and low is better. The line joins those that nobody beats in both at once; bars are "
         "bootstrap intervals over trials.",
         height=380,

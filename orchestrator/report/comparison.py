@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -29,17 +29,29 @@ SENTENCES = 5
 """Most verdicts that are told in whole sentences."""
 
 
-def comparison_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
-    """Return the comparison of every two groups in error and consistency; nothing for a single group."""
+def compared(groups: Sequence[Group], notes: list[str]) -> Comparison | None:
+    """Return the comparison of every two groups in error and consistency; None for a single group."""
     if len(groups) < 2:
-        return []
+        return None
     if len(groups) > CONTENDERS:
         notes.append(f"The first {CONTENDERS} of {len(groups)} groups are compared two by two.")
     contenders = [Contender(group.name, "", group.rows, group.document) for group in groups[:CONTENDERS]]
     states = state_names(groups)
     metrics = [f"rmse.{state}" for state in dict.fromkeys((states[0], "state"))] + ["nees.ratio"]
-    found = compare(contenders, metrics, groups[0].confidence)
+    return compare(contenders, metrics, groups[0].confidence)
+
+
+def comparison_blocks(found: Comparison) -> list[Block]:
+    """Return a comparison in words, as a figure and as a table."""
     return [*_words(found), _difference_figure(found), _table(found)]
+
+
+def is_best(name: str, names: Collection[str], found: Comparison) -> bool:
+    """Return whether by the verdicts on the first metric a contender is better than all others named."""
+    own = [item for item in found.compared if item.metric == found.metrics[0]]
+    beaten = {item.second for item in own if item.verdict is Verdict.FIRST and item.first == name}
+    beaten |= {item.first for item in own if item.verdict is Verdict.SECOND and item.second == name}
+    return beaten.issuperset(set(names) - {name})
 
 
 def _words(found: Comparison) -> list[Text]:
@@ -82,8 +94,7 @@ def _table(found: Comparison) -> Table:
             own.metric,
             own.first,
             own.second,
-            f"{figure(own.difference.shift.value)} "
-            f"[{figure(own.difference.shift.low)}, {figure(own.difference.shift.high)}]",
+            _shift(own),
             "-" if not np.isfinite(own.relative) else f"{100 * own.relative:+.1f} %",
             "< 0.0001" if own.p_adjusted < 1e-4 else f"{own.p_adjusted:.2g}",
             f"{own.difference.effect:+.2f}",
@@ -101,6 +112,14 @@ def _table(found: Comparison) -> Table:
     return Table(title, columns, rows, frozenset({0, 1, 2, 8}), folded=len(rows) > 12)
 
 
+def _shift(own: Compared) -> str:
+    """Return a difference with its interval, where there are enough trials for one."""
+    shift = own.difference.shift
+    if not np.isfinite([shift.low, shift.high]).any():
+        return figure(shift.value)
+    return f"{figure(shift.value)} [{figure(shift.low)}, {figure(shift.high)}]"
+
+
 def _trials(own: Compared) -> str:
     first, second = own.difference.sizes
     return f"{first:,}" if own.difference.paired else f"too few: {first:,} and {second:,}, unpaired"
@@ -114,7 +133,8 @@ def _difference_figure(found: Comparison) -> Figure:
         own = [item for item in found.compared if item.metric == metric]
         own = [item for item in own if np.isfinite(item.difference.shift.value)]
         axis = {"tickvals": list(range(len(own))), "ticktext": [_pair(item, numbers) for item in own]}
-        views[(metric,)] = View([_difference_trace(own)], {"yaxis": axis})
+        across = {"title": {"text": f"{metric}: first less second"}, "range": _reach(own)}
+        views[(metric,)] = View([_difference_trace(own)], {"xaxis": across, "yaxis": axis})
     most = max(len(view.traces[0]["y"]) for view in views.values())
     zero = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": 0, "x1": 0, "layer": "below"}
     return Figure(
@@ -123,7 +143,6 @@ def _difference_figure(found: Comparison) -> Figure:
         views=views,
         layout={
             "xaxis": {
-                "title": {"text": "first less second"},
                 "zeroline": False,
                 "tickangle": 0,
                 "nticks": 6,
@@ -178,6 +197,15 @@ def _difference_trace(own: Sequence[Compared]) -> Trace:
         "hovertemplate": "%{text}<br>%{x:.4g}: %{customdata}<extra></extra>",
         "showlegend": False,
     }
+
+
+def _reach(own: Sequence[Compared]) -> list[float]:
+    """Return the range of the axis: all differences with their intervals, and zero, with room beside them."""
+    shifts = [item.difference.shift for item in own]
+    ends = [end for shift in shifts for end in (shift.low, shift.value, shift.high) if np.isfinite(end)]
+    low, high = min([0.0, *ends]), max([0.0, *ends])
+    room = 0.06 * (high - low) or 1.0
+    return [low - room, high + room]
 
 
 def _finite(value: float) -> float:

@@ -64,9 +64,9 @@ def scopes(groups: Sequence[Group]) -> list[tuple[str, str]]:
     return found
 
 
-def first_choice(choices: Sequence[tuple[str, str]]) -> str:
-    """Return what of some choices is shown first: the most special one, which comes last."""
-    return choices[-1][0]
+def first_scope(groups: Sequence[Group]) -> str:
+    """Return which estimators are shown first: the attacked ones, unless that would leave a group out."""
+    return ATTACKED if scopes(groups)[1:] and all(group.attacked for group in groups) else ALL
 
 
 def state_choice(groups: Sequence[Group]) -> Choice:

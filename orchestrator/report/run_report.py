@@ -18,7 +18,7 @@ from orchestrator.report.traffic import link_table, matrix_figure, rate_figure
 from orchestrator.score.gather import Bools
 from orchestrator.score.headline import headline
 from orchestrator.score.judging import show
-from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Score
+from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Outcome, Score
 
 TONES = {"PASSED": "good", "FAILED": "bad", "INCOMPLETE": "warn", "DONE": "plain"}
 WINDOW_ROWS = 200
@@ -100,11 +100,17 @@ def verdict_table(score: Score) -> Table:
             outcome.metric,
             f"{words[outcome.relation]} {show(outcome.bound)}",
             "see beside" if outcome.measured is None else show(outcome.measured),
-            outcome.where if outcome.measured is not None else outcome.message.partition(": ")[2],
+            _where(outcome),
         )
         for outcome in sorted(score.expectations, key=lambda outcome: outcome.passed)
     ]
     return Table("Expectations", ("", "metric", "expected", "measured", "where"), rows, frozenset({0, 1, 4}))
+
+
+def _where(outcome: Outcome) -> str:
+    """Return where an expectation was measured and of how many that was the worst, or why it was not."""
+    told = outcome.message.partition(": ")[2]
+    return told if outcome.measured is None else told.partition(" (")[2].removesuffix(")")
 
 
 def _remark(node: NodeScore, score: Score) -> str:

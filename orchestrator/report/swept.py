@@ -10,7 +10,7 @@ from orchestrator.evidence.figures import rmse
 from orchestrator.evidence.table import SWEPT
 from orchestrator.report.contents import Choice, Figure, Layout, Trace, View
 from orchestrator.report.group_pieces import (
-    first_choice,
+    first_scope,
     points_trace,
     scopes,
     state_choice,
@@ -54,7 +54,7 @@ def swept_figure(groups: Sequence[Group], by: str | None = None) -> Figure | Non
         choices=(
             Choice("Over", [(path, path) for path in paths], paths[0]),
             state,
-            Choice("Of", scope, first_choice(scope)),
+            Choice("Of", scope, first_scope(groups)),
         ),
         text=f"Each point with its {100 * groups[0].confidence:g} % bootstrap interval over trials. "
         "A line joins variants that differ in nothing else; where an estimator diverged it has no point.",

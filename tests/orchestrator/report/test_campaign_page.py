@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from orchestrator.command_line.campaign_output import QuietProgress
 from orchestrator.evidence.chosen import Chosen, choose
 from orchestrator.evidence.figures import rmse
 from orchestrator.evidence.sources import Source, load_source
-from orchestrator.report.contents import Page, Table
+from orchestrator.report.contents import Page, Table, Text
 from orchestrator.report.errors import ReportError
 from orchestrator.report.grouping import find_groups
 from orchestrator.report.groups import Outcomes, short_names, trial_rmse
@@ -281,11 +282,74 @@ def test_every_figure_of_a_campaign_is_one_that_plotly_takes(campaign_page: Page
     figures = campaign_page.figures
     assert [figure.name for figure in figures] == [
         *("outcomes", "differences", "rmse", "trials", "consistency", "roc", "survival", "operating"),
-        *("pareto", "disagreement"),
+        "disagreement",
     ]
     for figure in figures:
         for view in figure.views.values():
             Checked(plotly_figure(figure, view, LIGHT))
+
+
+def test_communication_is_drawn_against_error_only_where_some_speak_less(
+    campaign_page: Page, tmp_path: Path
+) -> None:
+    from plotly.graph_objects import Figure as Checked
+
+    from orchestrator.report.palette import LIGHT
+    from orchestrator.report.payload import plotly_figure
+
+    communication = next(own for own in campaign_page.sections if own.title == "Communication")
+    assert isinstance(communication.blocks[0], Text)
+    assert communication.blocks[0].text.startswith("All fill their slots as often")
+    (tmp_path / "quiet.yaml").write_text(SWEPT)
+    grid = ("sensors.s1.send={periodic: {every: 1}},{periodic: {every: 3}}",)
+    request = Request(tmp_path / "quiet.yaml", 2, overrides=grid, out=tmp_path / "out")
+    page = page_for([sweep(prepare(request), QuietProgress())])
+    (figure,) = (own for own in page.figures if own.name == "pareto")
+    for view in figure.views.values():
+        Checked(plotly_figure(figure, view, LIGHT))
+
+
+def test_the_headline_names_nobody_the_best_whom_no_verdict_does(
+    campaign: Path, campaign_page: Page, tmp_path: Path
+) -> None:
+    assert campaign_page.headline.endswith("; it is not shown to be the best.")
+    request = Request(
+        campaign.parent / "swept.yaml",
+        8,
+        overrides=("sensors.*.noise.std=0.1,2.0", "steps=20"),
+        out=tmp_path / "out",
+    )
+    page = page_for([sweep(prepare(request), QuietProgress())], "variant")
+    assert "is that of std 0.1: " in page.headline
+    assert page.headline.endswith("; it is shown to be better than every other.")
+
+
+def test_a_difference_has_an_interval_only_from_enough_trials_and_zero_is_always_in_sight(
+    campaign_page: Page,
+) -> None:
+    shown = [row[3] for row in table(campaign_page, "Every two").rows]
+    assert not any("infinite" in own for own in shown)
+    assert any(re.fullmatch(r"-?\d[\d.]*", own) for own in shown), "three trials give none"
+    (figure,) = (own for own in campaign_page.figures if own.name == "differences")
+    for view in figure.views.values():
+        low, high = view.layout["xaxis"]["range"]
+        assert low < 0.0 < high
+        assert low < view.traces[0]["x"].min() <= view.traces[0]["x"].max() < high
+
+
+def test_no_group_is_missing_from_what_is_shown_first(campaign: Path, attacked_run: Path) -> None:
+    mixed = page_for([campaign], "variant")
+    own = next(figure for figure in mixed.figures if figure.name == "rmse")
+    named = {trace["name"] for trace in own.initial.traces if "fill" not in trace}
+    assert {"attacks as given", "attacks null"} <= named, "only one of them was attacked"
+    attacked = page_for([f"{campaign}#attacks=as given", attacked_run], "variant")
+    own = next(figure for figure in attacked.figures if figure.name == "rmse")
+    assert [choice.initial for choice in own.choices] == ["position", "attacked"]
+
+
+def test_state_groups_stand_in_their_usual_order(campaign_page: Page) -> None:
+    columns = ("variant", "position", "velocity", "acceleration", "whole state")
+    assert table(campaign_page, "RMSE over all").columns == columns
 
 
 def test_the_page_of_a_campaign_draws_and_can_be_read(browser: Browser, campaign_file: Path) -> None:

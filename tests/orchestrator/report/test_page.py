@@ -14,7 +14,13 @@ from orchestrator.report.contents import Figure, Page, Section, Table, Text, Til
 from orchestrator.report.lines import band, line
 from orchestrator.report.making import page_for
 from orchestrator.report.page import html, write_page
+from orchestrator.report.run_report import verdict_table
 from orchestrator.report.tracking import lines_range
+from orchestrator.run import run_topology
+from orchestrator.run_directory import make_run_directory
+from orchestrator.topology.load import load_topology
+from tests.orchestrator.report.conftest import ATTACKED
+from tests.playing import scored
 
 pytest.importorskip("plotly", reason="reports are an extra")
 pytest.importorskip("jinja2", reason="reports are an extra")
@@ -95,6 +101,16 @@ def test_the_page_tells_verdict_failed_expectation_and_origin(text: str) -> None
         assert fact in text
 
 
+def test_an_expectation_tells_where_it_was_held_and_of_how_many_that_was_the_worst(tmp_path: Path) -> None:
+    (tmp_path / "attacked.yaml").write_text(ATTACKED)
+    expect = "{rmse.position: {at_most: 9}, packets.attacked: 18, attack.rmse: {node: e1, at_most: 1}}"
+    topology = load_topology(tmp_path / "attacked.yaml", [f"expect={expect}"])
+    where = {row[1]: row[-1] for row in verdict_table(scored(topology)).rows}
+    assert re.fullmatch(r"(e[123]|lone), worst of 4", where["rmse.position"])
+    assert where["packets.attacked"] == "all links"
+    assert where["attack.rmse"].startswith("undefined for e1, ")
+
+
 @pytest.fixture(scope="module")
 def page(attacked_run: Path) -> Page:
     return page_for([attacked_run])
@@ -112,10 +128,6 @@ def test_every_part_that_a_run_has_is_there(page: Page) -> None:
 
 
 def test_estimators_that_are_each_alone_are_called_no_network(page: Page, tmp_path: Path) -> None:
-    from orchestrator.run import run_topology
-    from orchestrator.run_directory import make_run_directory
-    from orchestrator.topology.load import load_topology
-
     def disagreement(page: Page) -> Figure:
         return next(own for own in page.figures if own.name == "disagreement")
 
@@ -196,11 +208,6 @@ def test_a_band_that_would_hide_the_lines_is_cut_and_others_are_not() -> None:
 
 @pytest.mark.slow
 def test_a_long_run_makes_a_small_page_that_says_what_was_thinned(tmp_path: Path) -> None:
-    from orchestrator.run import run_topology
-    from orchestrator.run_directory import make_run_directory
-    from orchestrator.topology.load import load_topology
-    from tests.orchestrator.report.conftest import ATTACKED
-
     (tmp_path / "long.yaml").write_text(ATTACKED)
     topology = load_topology(tmp_path / "long.yaml", ["steps=8000", "expect=null"])
     directory = make_run_directory(tmp_path / "out", "long", 7)
