@@ -67,7 +67,7 @@ def _tiles(groups: Sequence[Group]) -> list[Tile]:
         Tile(
             "Variants", f"{variants}", f"{len(groups)} group{'' if len(groups) == 1 else 's'} of estimators"
         ),
-        Tile("Trials", f"{own.trials:,}", _each(own.trials, variants)),
+        Tile("Trials", f"{own.trials:,}", _each(groups)),
         Tile("Passed", f"{100 * own.passed / max(own.trials, 1):.3g} %", f"{own.passed:,} of {own.trials:,}"),
         Tile(
             "Diverged",
@@ -169,8 +169,11 @@ def _origin_tables(chosen: Sequence[Chosen]) -> list[Block]:
     return [origin_table(own, name) for own, name in zip(chosen, names, strict=True)]
 
 
-def _each(trials: int, variants: int) -> str:
-    return f"{trials // variants:,} of each" if variants > 1 and trials % variants == 0 else ""
+def _each(groups: Sequence[Group]) -> str:
+    """Return how many trials each variant has, where that is the same for all of several."""
+    trials = {group.variant: group.rows.trials for group in groups}
+    same = len(trials) > 1 and len(set(trials.values())) == 1
+    return f"{groups[0].rows.trials:,} of each" if same else ""
 
 
 def _facts(groups: Sequence[Group], chosen: Sequence[Chosen]) -> str:

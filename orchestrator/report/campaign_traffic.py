@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from orchestrator.evidence.bootstrap import Band
 from orchestrator.evidence.figures import disagreement_curve, rmse, sent_rate
 from orchestrator.evidence.pareto import pareto_front
 from orchestrator.report.contents import Choice, Figure, Trace, View
@@ -101,12 +102,15 @@ def _or_zero(value: float) -> float:
 
 def disagreement_figure(groups: Sequence[Group]) -> Figure | None:
     """Return how far estimators that belong together are apart over time, with bands."""
-    traces: list[Trace] = []
-    for number, group in enumerate(groups):
+    drawn: dict[tuple[tuple[int, int], bytes], tuple[Band, list[Group]]] = {}
+    for group in groups:
         found = disagreement_curve(group.rows, group.confidence)
         if np.isfinite(found.value).any():
-            alone = (", each alone" if len(group.nodes) > 1 else ", alone") if group.is_apart else ""
-            traces += band_traces(found, f"{group.name}{alone}", number)
+            _, own = drawn.setdefault((group.variant, found.value.tobytes()), (found, []))
+            own.append(group)
+    traces: list[Trace] = []
+    for number, (found, own) in enumerate(drawn.values()):
+        traces += band_traces(found, _apart(own), number)
     if not traces:
         return None
     return Figure(
@@ -122,3 +126,11 @@ def disagreement_figure(groups: Sequence[Group]) -> Figure | None:
         "that are each alone; over trials.",
         height=300,
     )
+
+
+def _apart(groups: Sequence[Group]) -> str:
+    """Return a name for groups that are apart from one another by one curve."""
+    names = " and ".join(group.name for group in groups)
+    if not groups[0].is_apart:
+        return names
+    return f"{names}, each alone" if sum(len(group.nodes) for group in groups) > 1 else f"{names}, alone"

@@ -23,7 +23,7 @@ NAMED = 5
 """Most contenders that the labels of the figure of differences name."""
 
 LETTERS = 20
-"""Most letters of a name in the labels of the figure of differences."""
+"""Most letters of the names in the labels of the figure of differences; where one is longer none is named."""
 
 SENTENCES = 5
 """Most verdicts that are told in whole sentences."""
@@ -106,7 +106,7 @@ def _table(found: Comparison) -> Table:
     ]
     columns = (
         *("metric", "first", "second", "first less second", "relative"),
-        *("p (Holm)", "effect", "common trials", "verdict"),
+        *("p (Holm)", "effect", "trials", "verdict"),
     )
     title = f"Every two, with {100 * found.confidence:g} % intervals"
     return Table(title, columns, rows, frozenset({0, 1, 2, 8}), folded=len(rows) > 12)
@@ -122,7 +122,7 @@ def _shift(own: Compared) -> str:
 
 def _trials(own: Compared) -> str:
     first, second = own.difference.sizes
-    return f"{first:,}" if own.difference.paired else f"too few: {first:,} and {second:,}, unpaired"
+    return f"{first:,} common" if own.difference.paired else f"{first:,}, {second:,} unpaired"
 
 
 def _difference_figure(found: Comparison) -> Figure:
@@ -155,19 +155,19 @@ def _difference_figure(found: Comparison) -> Figure:
         text="The median difference, trial by trial where there are common ones, by the numbers of the table "
         "of variants. Where the bar does not reach zero (dotted), one is better; the verdicts also count how "
         "much was compared at once.",
-        height=110 + (34 if len(numbers) <= NAMED else 24) * most,
+        height=110 + (34 if _are_named(numbers) else 24) * most,
     )
 
 
 def _pair(own: Compared, numbers: Mapping[str, int]) -> str:
-    """Return a label for two contenders: their numbers in the table of variants, and their names if few."""
-    if len(numbers) > NAMED:
+    """Return a label for two contenders: their numbers in the table of variants, and few short names."""
+    if not _are_named(numbers):
         return f"{numbers[own.first]} less {numbers[own.second]}"
-    first, second = (
-        f"{numbers[name]} {name if len(name) <= LETTERS else name[: LETTERS - 1] + '…'}"
-        for name in (own.first, own.second)
-    )
-    return f"{first}<br>less {second}"
+    return f"{numbers[own.first]} {own.first}<br>less {numbers[own.second]} {own.second}"
+
+
+def _are_named(numbers: Mapping[str, int]) -> bool:
+    return len(numbers) <= NAMED and max(map(len, numbers)) <= LETTERS
 
 
 def _difference_trace(own: Sequence[Compared]) -> Trace:

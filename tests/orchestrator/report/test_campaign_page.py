@@ -32,6 +32,8 @@ pytest.importorskip("jinja2", reason="reports are an extra")
 pytest.importorskip("pyarrow", reason="campaigns are an extra")
 
 
+ATTACKS = ("as given", "null")
+
 OTHER = """
 name: other
 steps: 20
@@ -197,7 +199,7 @@ def test_two_runs_are_compared_on_one_page(attacked_run: Path) -> None:
     verdicts = {(row[1], row[2]): row[-1].text for row in table(page, "Every two").rows}
     assert verdicts[names[0], names[2]] == "identical"
     assert page.warnings == []
-    assert {row[-2] for row in table(page, "Every two").rows} == {"1"}
+    assert {row[-2] for row in table(page, "Every two").rows} == {"1 common"}
 
 
 def test_trials_of_other_seeds_are_compared_unpaired_and_the_page_says_so(
@@ -208,7 +210,8 @@ def test_trials_of_other_seeds_are_compared_unpaired_and_the_page_says_so(
     page = page_for([f"{campaign}#attacks=as given", other], "variant")
     assert page.warnings == []
     rows = [row for row in table(page, "Every two").rows if row[0] == "rmse.position"]
-    assert [row[-2] for row in rows] == ["too few: 3 and 2, unpaired"]
+    assert [row[-2] for row in rows] == ["3, 2 unpaired"]
+    assert [tile.remark for tile in page.tiles if tile.name == "Trials"] == [""], "not as many of each"
 
 
 def test_every_difference_has_a_row_of_its_own_however_long_the_names(campaign_page: Page) -> None:
@@ -216,6 +219,19 @@ def test_every_difference_has_a_row_of_its_own_however_long_the_names(campaign_p
     for view in figure.views.values():
         assert view.traces[0]["y"].tolist() == view.layout["yaxis"]["tickvals"]
         assert len(set(view.layout["yaxis"]["ticktext"])) == view.traces[0]["y"].size
+
+
+def test_names_too_long_for_an_axis_are_numbers_there_and_never_cut(campaign: Path) -> None:
+    def labels(by: str) -> list[str]:
+        page = page_for([campaign], by)
+        (figure,) = (own for own in page.figures if own.name == "differences")
+        text: list[str] = figure.initial.layout["yaxis"]["ticktext"]
+        return text
+
+    assert labels("variant") == ["1 attacks as given<br>less 2 attacks null"]
+    assert labels("method")[0] == "1 less 2", (
+        "attacks as given, secure_distributed less attacks as given, kalman"
+    )
 
 
 def test_sources_of_different_plants_are_compared_in_what_they_share(
@@ -270,7 +286,10 @@ def test_only_estimators_that_exchange_are_called_a_network(campaign: Path, camp
     assert {own.nodes[0] for own in groups.values() if own.is_apart} == {"lone", "strict"}
     (figure,) = (own for own in campaign_page.figures if own.name == "disagreement")
     named = {trace["name"] for trace in figure.initial.traces}
-    assert named == {f"{name}, alone" if own.is_apart else name for name, own in groups.items()}
+    assert named == {
+        *(name for name, own in groups.items() if not own.is_apart),
+        *(f"attacks {text}, kalman lone and attacks {text}, kalman strict, each alone" for text in ATTACKS),
+    }
 
 
 def test_every_figure_of_a_campaign_is_one_that_plotly_takes(campaign_page: Page) -> None:
