@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from orchestrator.backends.contract import RunFailedError
+from orchestrator.campaign.differences import differences
 from orchestrator.errors import InputError
-from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES
+from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES, topology_file
 
 SHARDS = "shards"
 TIMING = "timing.parquet"
@@ -25,7 +26,6 @@ WORKER_LOGS = "workers"
 _LOCK = ".lock"
 _SHARD = re.compile(r"(\d+)-(\d+)-(\d+)\.arrows")
 _MOST_CAMPAIGNS = 100_000
-_SHOWN = 100
 
 
 class CampaignError(InputError):
@@ -135,11 +135,6 @@ class CampaignDirectory:
         (self.path / SHARDS).rmdir()
 
 
-def topology_file(directory: Path, variant: int) -> Path:
-    """Return where the resolved topology of a variant stands."""
-    return directory / TOPOLOGIES / f"variant-{variant:03d}.yaml"
-
-
 def read_facts(directory: Path) -> dict[str, Any] | None:
     """Return what ``campaign.json`` says, None when there is none."""
     try:
@@ -178,31 +173,19 @@ def _foreign(path: Path) -> Iterator[Path]:
 
 def _check_same(path: Path, held: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
     """Refuse to go on with a campaign that is another one than that of the directory."""
-    differing = list(_differences(held, asked))
-    if differing:
-        lines = [f"{path} holds another campaign, whose results cannot be mixed with these:", *differing]
-        cure = "  give the same command with the same versions to go on, or choose another --out"
-        raise CampaignError("\n".join([*lines, cure]))
+    found = differences(held, asked)
+    if found:
+        cures = " and ".join(dict.fromkeys(own.cure for own in found))
+        raise CampaignError(
+            "\n".join(
+                [
+                    f"{path} holds another campaign, whose results cannot be mixed with these:",
+                    *(own.line for own in found),
+                    f"  to go on with it, {cures}; to begin another one, choose another --out",
+                ]
+            )
+        )
     if asked["trials"] < held["trials"]:
         raise CampaignError(
             f"{path} holds a campaign of {held['trials']} trials; ask for as many or more to go on with it"
         )
-
-
-def _differences(held: Mapping[str, Any], asked: Mapping[str, Any]) -> Iterator[str]:
-    """Return a line for each fact but ``trials`` that is not the same; versions are told one by one."""
-    pairs = {name: (held.get(name), asked.get(name)) for name in (*held, *asked) if name != "trials"}
-    before, now = (facts.get("versions", {}) for facts in (held, asked))
-    pairs.pop("versions", None)
-    pairs |= {name: (before.get(name), now.get(name)) for name in (*before, *now)}
-    hashes = pairs.pop("topology_hashes", (None, None))
-    differing = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
-    for name, (there, here) in differing.items():
-        yield f"  {name}: {_shown(there)} there, {_shown(here)} here"
-    if hashes[0] != hashes[1] and not differing.keys() & {"overrides", "seed", "first_trial"}:
-        yield "  the topology: its file, a file that it extends, or a class in it was changed"
-
-
-def _shown(value: Any) -> str:
-    text = json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."

@@ -7,9 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from orchestrator.errors import InputError
+from orchestrator.topology.value_lists import split_values
 
-_OPENING, _CLOSING, _QUOTES = "([{", ")]}", "'\""
-_BEFORE_A_QUOTE = ("", *"([{,:")
 MOST_VARIANTS = 10_000
 ATTACKS, AS_GIVEN, NONE = "attacks", "as given", "null"
 """The path that sets twins apart, with its value for a variant and for its unattacked twin."""
@@ -40,24 +39,6 @@ class Variant:
     def __str__(self) -> str:
         """Return the settings as people write them."""
         return ", ".join(f"{path}={value}" for path, value in self.settings.items()) or "as it stands"
-
-
-def split_values(text: str) -> list[str]:
-    """Return the values that commas separate; commas in brackets, braces or quotes belong to a value."""
-    values, depth, quote, begin = [], 0, "", 0
-    for place, sign in enumerate(text):
-        if quote:
-            quote = "" if sign == quote else quote
-        elif sign in _QUOTES and text[begin:place].rstrip()[-1:] in _BEFORE_A_QUOTE:
-            quote = sign
-        elif sign in _OPENING:
-            depth += 1
-        elif sign in _CLOSING:
-            depth -= 1
-        elif sign == "," and depth <= 0:
-            values.append(text[begin:place].strip())
-            begin = place + 1
-    return [*values, text[begin:].strip()]
 
 
 def lay_grid(overrides: Iterable[str], twins: bool = False) -> list[Variant]:

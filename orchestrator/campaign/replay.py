@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from orchestrator.campaign.directory import CampaignError, read_facts, topology_file
+from orchestrator.campaign.directory import CampaignError, read_facts
 from orchestrator.evidence.rows import FAILED
-from orchestrator.evidence.sources import RESULTS, load_source
+from orchestrator.evidence.sources import RESULTS, load_source, topology_file
 from orchestrator.evidence.table import SWEPT
 
 _OF_THE_CAMPAIGN = ("variant", "message")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.evidence.bootstrap import CONFIDENCE
+from orchestrator.evidence.columns import in_usual_order
 from orchestrator.evidence.rows import SCORED
 from orchestrator.evidence.samples import together
 from orchestrator.evidence.sources import RESULTS
@@ -135,7 +136,7 @@ def summarise(directory: Path) -> Summary:
     file = pq.ParquetFile(directory / RESULTS)
     names = file.schema_arrow.names
     groups = [name.removeprefix("rmse.") for name in names if name.startswith("rmse.")]
-    own = [group for group in groups if group != "state"]
+    own = in_usual_order(group for group in groups if group != "state")
     shown = own if 0 < len(own) <= _GROUPS_SHOWN else ["state"]
     wanted = [*(f"rmse.{group}" for group in shown), *_FIGURES]
     keys = ["variant", "trial", "node", "method", "privileged", "status", "message", "passed"]

@@ -48,12 +48,14 @@ def compare(
     ] = False,
 ) -> None:
     """Compare estimators, runs or variants over common trials, and say which is better."""
+    from orchestrator.evidence.chosen import choose
     from orchestrator.evidence.comparison import compare as compare_contenders
     from orchestrator.evidence.contenders import find_contenders, usual_metric
     from orchestrator.evidence.wording import facts
 
-    asked = list(dict.fromkeys(metrics or [usual_metric(sources)]))
-    contenders = find_contenders(sources, by, asked)
+    chosen = list(map(choose, sources))
+    asked = list(dict.fromkeys(metrics or [usual_metric(chosen)]))
+    contenders = find_contenders(chosen, by, asked)
     comparison = compare_contenders(contenders, asked, confidence, margin)
     if out is not None:
         _write(out, facts(comparison))

@@ -8,32 +8,40 @@ from typing import Annotated, Literal
 import typer
 
 from orchestrator.command_line.output import print_json
+from orchestrator.errors import InputError
+
+Form = Annotated[
+    Literal["svg", "png"] | None,
+    typer.Option(
+        "--format", help="The kind of picture that --figures writes. Default: svg.", show_default=False
+    ),
+]
 
 
 def report(
     paths: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(
             metavar="PATH...",
-            help="A run's directory or log, or a campaign's directory; several are compared.",
+            help="A run's directory or log, or a campaign's directory; 'DIR#2' or 'DIR#method=kalman' names "
+            "variants of it. Several are compared.",
             show_default=False,
         ),
     ],
     out: Annotated[Path, typer.Option(help="The HTML file to write.")] = Path("report.html"),
     by: Annotated[
-        Literal["node", "method", "variant"] | None,
+        str | None,
         typer.Option(
-            help="Tell estimators apart one by one, by method, or not at all inside a variant. "
-            "Default: by method and parameters.",
+            metavar="WHAT",
+            help="Tell estimators apart by node or method, or not at all inside a variant, or inside a value "
+            "of a path of --set. Default: by method and parameters.",
             show_default=False,
         ),
     ] = None,
     figures: Annotated[
         Path | None, typer.Option(help="A directory to write the figures into as well, one file each.")
     ] = None,
-    form: Annotated[
-        Literal["svg", "png"], typer.Option("--format", help="The kind of picture that --figures writes.")
-    ] = "svg",
+    form: Form = None,
     json: Annotated[
         bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")
     ] = False,
@@ -42,6 +50,7 @@ def report(
     from orchestrator.report.making import page_for
     from orchestrator.report.page import write_page
 
+    form = picture_form(form, figures)
     page = page_for(paths, by)
     size = write_page(page, out)
     pictures: list[Path] = []
@@ -55,3 +64,13 @@ def report(
     typer.echo(f"wrote {out} ({size / 1e6:.1f} MB)")
     for path in pictures:
         typer.echo(f"wrote {path}")
+
+
+def picture_form(asked: Literal["svg", "png"] | None, figures: Path | None) -> Literal["svg", "png"]:
+    """Return the kind of picture to write; raises `InputError` where one is asked for and none is written."""
+    if asked is not None and figures is None:
+        raise InputError(
+            f"--format {asked} is the kind of picture that --figures writes, and there is no --figures; "
+            "add --figures DIR"
+        )
+    return asked or "svg"

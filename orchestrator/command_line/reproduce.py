@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from orchestrator import exit_codes
 from orchestrator.command_line.output import print_json
+from orchestrator.command_line.report import Form, picture_form
 from orchestrator.command_line.sweep import DaskAddress, Jobs, Json, carry_out, cpus
+from orchestrator.errors import InputError
 
 if TYPE_CHECKING:
     from orchestrator.report.contents import Page
@@ -42,14 +44,15 @@ def reproduce(
         Path | None,
         typer.Option(help="A directory to write the paper's figures into as well, one file each."),
     ] = None,
-    form: Annotated[
-        Literal["svg", "png"], typer.Option("--format", help="The kind of picture that --figures writes.")
-    ] = "svg",
+    form: Form = None,
     json: Json = False,
 ) -> None:
     """Run a folder's campaigns and write the paper's figures; given again, go on where it ended."""
     from orchestrator.reproduction.listing import read_listing
 
+    form = picture_form(form, figures)
+    if figures is not None and not reports:
+        raise InputError(f"--figures {figures} are those of the pages; leave out --no-reports, or --figures")
     listing = read_listing(folder, out, only=only or (), trials=trials, workers=jobs or cpus(), dask=dask)
     if reports:
         from orchestrator.report.page import require_libraries

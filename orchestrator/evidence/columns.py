@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 Key = tuple[int, int]
 """Seed and trial: what runs with common random numbers share."""
 
-PRIVILEGED, COMPLETE = "privileged", "complete"
+_FIRST = ("position", "velocity", "acceleration")
+"""State groups that people name in this order."""
+
+PRIVILEGED, COMPLETE, MISSING = "privileged", "complete", "missing_estimates"
 """Columns that tell what figures must not be taken for."""
 
 
@@ -64,6 +67,13 @@ class Rows:
         if COMPLETE not in self.table.column_names:
             return 0
         return int(np.unique(self.trial[self.scalar(COMPLETE) == 0.0]).size)
+
+    @property
+    def most_missing(self) -> int:
+        """The most estimates that any estimator owes in a trial; of a record cut off, how many steps lack."""
+        if MISSING not in self.table.column_names:
+            return 0
+        return int(np.nanmax(self.scalar(MISSING), initial=0.0))
 
     def scalar(self, name: str) -> Floats:
         """Return a column of numbers (R,), NaN where undefined."""
@@ -170,3 +180,8 @@ def _keys(table: pa.Table) -> list[Key]:
 def state_groups(table: pa.Table) -> list[str]:
     """Return the state groups that a table tells errors of, ``state`` among them."""
     return [name.partition(".")[2] for name in table.column_names if name.startswith("error.")]
+
+
+def in_usual_order(groups: Iterable[str]) -> list[str]:
+    """Return state groups as people name them: position, its derivatives, the others as they are given."""
+    return sorted(groups, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))

@@ -16,6 +16,7 @@ from enum import Enum
 import numpy as np
 
 from orchestrator.evidence.bootstrap import CONFIDENCE
+from orchestrator.evidence.comparability import different_ground, different_numbers
 from orchestrator.evidence.contenders import Contender
 from orchestrator.evidence.metrics import Better, meaning_of
 from orchestrator.evidence.ranks import (
@@ -188,6 +189,14 @@ def _verdict(
     return Verdict.UNDECIDED
 
 
+def warnings(comparison: Comparison) -> list[str]:
+    """Return why metrics of the contenders may not be of the same thing."""
+    names = [contender.name for contender in comparison.contenders]
+    numbers = [len(set(contender.rows.text("node"))) for contender in comparison.contenders]
+    documents = [contender.document for contender in comparison.contenders]
+    return [*different_ground(names, documents), *different_numbers(names, numbers, comparison.metrics)]
+
+
 def remarks(comparison: Comparison) -> Iterator[str]:
     """Yield what a reader must know of the contenders and of their samples."""
     for contender in comparison.contenders:
@@ -203,9 +212,10 @@ def _remarks_on_rows(contender: Contender) -> Iterator[str]:
     for node, attacks in rows.privileged.items():
         yield f"{contender.name}: an oracle tells {node} of {attacks}, which no honest estimator knows"
     if rows.incomplete:
-        total = rows.trials
+        total, steps = rows.trials, int(contender.document.get("steps", 0))
         record = "its record" if total == 1 else f"the record of {rows.incomplete} of {total} trials"
-        yield f"{contender.name}: {record} is incomplete; figures are those of what is there"
+        there = f" ({steps - rows.most_missing} of {steps} steps)" if total == 1 and steps else ""
+        yield f"{contender.name}: {record} is incomplete{there}; figures are those of what is there"
 
 
 def _remarks(name: str, metric: str, own: Sample) -> Iterator[str]:

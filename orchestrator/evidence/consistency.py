@@ -59,11 +59,16 @@ class Overall:
 
     @property
     def judgement(self) -> Judgement:
-        """What the bounds say: errors larger than believed are overconfidence."""
+        """What the bounds say: errors larger than believed are overconfidence.
+
+        Bounds that reach down to 0 hold every filter that is too careful, so that being within says nothing.
+        """
         if not self.low <= self.high:
             return "unknown"
         if self.ratio > self.high:
             return "overconfident"
+        if self.low <= 0.0:
+            return "unknown"
         return "conservative" if self.ratio < self.low else "consistent"
 
 

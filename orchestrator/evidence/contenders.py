@@ -6,19 +6,19 @@ method, or one estimator.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 
 from orchestrator.errors import InputError
-from orchestrator.evidence.columns import COMPLETE, PRIVILEGED, Rows, select
+from orchestrator.evidence.chosen import Chosen, shown, told_apart, variant_name
+from orchestrator.evidence.columns import COMPLETE, MISSING, PRIVILEGED, Rows, select
+from orchestrator.evidence.comparability import Document, ground
 from orchestrator.evidence.metrics import is_measured_by_window
-from orchestrator.evidence.sources import Source, load_source
-from orchestrator.evidence.table import SWEPT, settings_by_variant
+from orchestrator.evidence.sources import Source
+from orchestrator.evidence.table import SWEPT
 from orchestrator.topology.problems import did_you_mean
 
-_KEYS = ("variant", "trial", "seed", "node", "method", "status", PRIVILEGED, COMPLETE)
+_KEYS = ("variant", "trial", "seed", "node", "method", "status", PRIVILEGED, COMPLETE, MISSING)
 
 
 class ContenderError(InputError):
@@ -27,23 +27,23 @@ class ContenderError(InputError):
 
 @dataclass(frozen=True)
 class Contender:
-    """Somebody with a name, and where the rows are that tell of them."""
+    """Somebody with a name, where the rows are that tell of them, and the resolved topology that they ran."""
 
     name: str
     path: str
     rows: Rows
+    document: Document = field(default_factory=dict)
 
 
-def find_contenders(named: Sequence[str], by: str | None, metrics: Sequence[str]) -> list[Contender]:
+def find_contenders(chosen: Sequence[Chosen], by: str | None, metrics: Sequence[str]) -> list[Contender]:
     """Return who is compared.
 
     Parameters
     ----------
-    named
-        Paths of runs, logs and campaigns; ``PATH#2`` names a variant, ``PATH#method=kalman`` the variant
-        with that setting.
+    chosen
+        Runs and campaigns, or variants of these.
     by
-        What to take apart each source by: ``variant``, ``method``, ``node``, or a swept path.
+        What to take apart each of them by: ``variant``, ``method``, ``node``, or a swept path.
     metrics
         What will be asked of them.
 
@@ -52,67 +52,65 @@ def find_contenders(named: Sequence[str], by: str | None, metrics: Sequence[str]
     InputError
         A source cannot be read or is not one contender, or there are fewer than two.
     """
-    sources = [_opened(text) for text in named]
     found = [
-        contender
-        for source, choice in sources
-        for contender in _contenders(source, choice, by, metrics, alone=len(sources) == 1)
+        contender for own in chosen for contender in _contenders(own, by, metrics, alone=len(chosen) == 1)
     ]
     if len(found) < 2:
         raise ContenderError(
-            f"{named[0]} is one contender; name a second, or take it apart with --by node, method or variant"
+            f"{chosen[0].source.path} is one contender; name a second, or take it apart with --by node, "
+            "method or variant"
         )
-    return _told_apart(found)
+    names = told_apart([own.name for own in found], [own.path for own in found])
+    return [replace(own, name=name) for own, name in zip(found, names, strict=True)]
 
 
-def usual_metric(named: Sequence[str]) -> str:
+def usual_metric(chosen: Sequence[Chosen]) -> str:
     """Return the metric to compare by when none is asked for."""
-    known = [_opened(text)[0].metrics for text in named]
-    return "rmse.position" if all("rmse.position" in metrics for metrics in known) else "rmse.state"
+    has_position = all("rmse.position" in own.source.metrics for own in chosen)
+    return "rmse.position" if has_position else "rmse.state"
 
 
-@functools.cache
-def _opened(text: str) -> tuple[Source, str]:
-    """Return a source, and which part of it is meant."""
-    path, separator, choice = text.rpartition("#")
-    if not separator or Path(text).exists():
-        return load_source(text), ""
-    return load_source(path), choice
-
-
-def _contenders(
-    source: Source, choice: str, by: str | None, metrics: Sequence[str], *, alone: bool
-) -> list[Contender]:
+def _contenders(chosen: Chosen, by: str | None, metrics: Sequence[str], *, alone: bool) -> list[Contender]:
+    source, variants = chosen.source, chosen.variants
     _check_metrics(source, metrics)
-    table = source.read(lambda name: _is_needed(name, metrics))
-    variants = settings_by_variant(table)
-    if choice:
-        variants = _chosen(source, variants, choice)
     if by is None and alone and len(variants) > 1:
         by = "variant"
     path = str(source.path)
-    if by in ("node", "method"):
-        _refuse_several(source, variants, f"with --by {by}")
-        (variant,) = variants
-        names = dict.fromkeys(str(name) for name in table.column(by).to_pylist() if name)
-        if not names:
-            raise ContenderError(
-                f"{source.path} cannot be taken apart by {by}: none of its trials was scored"
+    if by not in ("node", "method", None):
+        chosen.check_by(by)
+        table = source.read(lambda name: _is_needed(name, metrics), variants)
+        documents = _documents(chosen)
+        return [
+            Contender(
+                variant_name(variant, settings), path, select(table, variant=variant), documents[variant]
             )
-        rows = [
-            (name, select(table, variant=variant, **{"nodes" if by == "node" else "methods": [name]}))
-            for name in names
+            for variant, settings in variants.items()
         ]
-        return [Contender(_marked(name, own), path, own) for name, own in rows]
+    _refuse_several(chosen, "as one contender" if by is None else f"with --by {by}")
+    table = source.read(lambda name: _is_needed(name, metrics), variants)
+    (document,) = _documents(chosen).values()
     if by is None:
-        _refuse_several(source, variants, "as one contender")
-        (variant,) = variants
-        return [Contender(_source_name(source, choice), path, select(table, variant=variant))]
-    _check_by(source, by, variants)
-    return [
-        Contender(_variant_name(variant, settings), path, select(table, variant=variant))
-        for variant, settings in variants.items()
+        return [Contender(chosen.name, path, select(table), document)]
+    names = dict.fromkeys(str(name) for name in table.column(by).to_pylist() if name)
+    if not names:
+        raise ContenderError(f"{source.path} cannot be taken apart by {by}: none of its trials was scored")
+    rows = [
+        (name, select(table, nodes=[name]) if by == "node" else select(table, methods=[name]))
+        for name in names
     ]
+    return [Contender(_marked(name, own), path, own, document) for name, own in rows]
+
+
+def _documents(chosen: Chosen) -> dict[int, Document]:
+    """Return the topology of each variant, or that of one that stands on the same ground.
+
+    To read one takes a while, and of most campaigns one will do.
+    """
+    alike: dict[object, int] = {}
+    return {
+        variant: chosen.source.document(alike.setdefault(ground(settings), variant))
+        for variant, settings in chosen.variants.items()
+    }
 
 
 def _check_metrics(source: Source, metrics: Sequence[str]) -> None:
@@ -135,74 +133,14 @@ def _is_needed(name: str, metrics: Sequence[str]) -> bool:
     )
 
 
-def _chosen(source: Source, variants: dict[int, dict[str, str]], choice: str) -> dict[int, dict[str, str]]:
-    """Return the variants that a number or settings name."""
-    if choice.isdigit():
-        chosen = {number: own for number, own in variants.items() if number == int(choice)}
-    else:
-        wanted = dict(part.partition("=")[::2] for part in choice.split(","))
-        chosen = {
-            number: own
-            for number, own in variants.items()
-            if all(own.get(path) == value for path, value in wanted.items())
-        }
-    if not chosen:
-        raise ContenderError(f"{source.path} has no variant '{choice}'; it has {_shown(variants)}")
-    return chosen
-
-
-def _check_by(source: Source, by: str, variants: dict[int, dict[str, str]]) -> None:
-    paths = next(iter(variants.values()), {})
-    if by != "variant" and by.removeprefix(SWEPT) not in paths:
+def _refuse_several(chosen: Chosen, what: str) -> None:
+    if len(chosen.variants) != 1:
         raise ContenderError(
-            f"--by {by}: {source.path} can be taken apart by node, method, variant"
-            + "".join(f", {path}" for path in paths)
+            f"{chosen.source.path} has {len(chosen.variants)} variants and cannot be taken {what}; "
+            f"name one as in '{chosen.source.path}#0' ({shown(chosen.variants)})"
         )
-    others = [path for path in paths if path != by.removeprefix(SWEPT)]
-    held = {tuple(own[path] for path in others) for own in variants.values()}
-    if by != "variant" and len(held) > 1:
-        raise ContenderError(
-            f"--by {by}: {source.path} varies {', '.join(others)} too; "
-            f"fix it as in '{source.path}#{others[0]}=VALUE', or compare --by variant"
-        )
-
-
-def _refuse_several(source: Source, variants: dict[int, dict[str, str]], what: str) -> None:
-    if len(variants) != 1:
-        raise ContenderError(
-            f"{source.path} has {len(variants)} variants and cannot be taken {what}; "
-            f"name one as in '{source.path}#0' ({_shown(variants)})"
-        )
-
-
-def _shown(variants: dict[int, dict[str, str]]) -> str:
-    shown = [f"{number}: {_variant_name(number, own)}" for number, own in list(variants.items())[:8]]
-    return "; ".join(shown) + ("; ..." if len(variants) > 8 else "")
-
-
-def _variant_name(number: int, settings: dict[str, str]) -> str:
-    return ", ".join(f"{path}={value}" for path, value in settings.items()) or f"variant {number}"
-
-
-def _source_name(source: Source, choice: str) -> str:
-    return f"{source.name}#{choice}" if choice else source.name
 
 
 def _marked(name: str, rows: Rows) -> str:
     """Return a name that says so where an oracle tells every estimator that it stands for of the attacks."""
     return f"{name} PRIVILEGED" if set(rows.text("node")) <= set(rows.privileged) else name
-
-
-def _told_apart(found: Sequence[Contender]) -> list[Contender]:
-    """Return contenders of different names: equal ones are known by their paths too."""
-    names = [contender.name for contender in found]
-    apart = [f"{own.name} ({_place(own.path)})" if names.count(own.name) > 1 else own.name for own in found]
-    return [
-        Contender(name if apart.count(name) == 1 else f"{name} [{i + 1}]", own.path, own.rows)
-        for i, (name, own) in enumerate(zip(apart, found, strict=True))
-    ]
-
-
-def _place(path: str) -> str:
-    own = Path(path)
-    return own.parent.name if own.suffix == ".mcap" and own.name == "run.mcap" else own.name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -58,14 +58,23 @@ class Source:
 
         return [field.name for field in self._schema() if pa.types.is_floating(field.type)]
 
-    def read(self, wanted: Callable[[str], bool]) -> pa.Table:
-        """Return the rows with the wanted columns only: those of a large campaign are many."""
+    @property
+    def variants(self) -> Mapping[int, Mapping[str, str]]:
+        """The variants by number, each with the value of every path that varies; a run is its only one."""
+        return {0: {}} if self.kind == "run" else dict(enumerate(self.provenance["variants"]))
+
+    def read(self, wanted: Callable[[str], bool], variants: Collection[int] | None = None) -> pa.Table:
+        """Return the rows of some variants, or of all, with the wanted columns only.
+
+        Those of a large campaign are many: what is not wanted is not read.
+        """
         names = [name for name in self._schema().names if wanted(name)]
         if self.kind == "run":
             return self.table.select(names)
         import pyarrow.parquet as pq
 
-        return pq.read_table(self.path / RESULTS, columns=names)
+        chosen = None if variants is None else [("variant", "in", sorted(variants))]
+        return pq.read_table(self.path / RESULTS, columns=names, filters=chosen)
 
     def _schema(self) -> pa.Schema:
         if self.kind == "run":
@@ -74,24 +83,42 @@ class Source:
 
         return pq.read_schema(self.path / RESULTS)
 
-    @functools.cached_property
-    def documents(self) -> tuple[Mapping[str, Any], ...]:
-        """The resolved topology of each variant as plain data; that of a run is its only one."""
+    def document(self, variant: int) -> Mapping[str, Any]:
+        """Return the resolved topology of a variant as plain data; raises `SourceError` if it is missing."""
+        if variant not in self._documents:
+            self._documents[variant] = self._read_document(variant)
+        return self._documents[variant]
+
+    def _read_document(self, variant: int) -> Mapping[str, Any]:
         if self.kind == "run":
             from orchestrator.log.reader import read_log
 
-            return (read_log(self.path, check=False).topology["topology"],)
+            document: Mapping[str, Any] = read_log(self.path, check=False).topology["topology"]
+            return document
         from ruamel.yaml import YAML
 
-        files = sorted((self.path / TOPOLOGIES).glob("*.yaml"))
-        expected = len(self.provenance["variants"])
-        if len(files) != expected:
+        file = topology_file(self.path, variant)
+        if not file.is_file():
             raise SourceError(
-                f"{self.path / TOPOLOGIES} holds {len(files)} of the campaign's {expected} topologies; "
+                f"{file} is missing, a topology of the campaign; "
                 "give its 'gauntlet sweep' again with another --out"
             )
-        reader = YAML(typ="safe", pure=True)
-        return tuple(map(reader.load, files))
+        found: Mapping[str, Any] = YAML(typ="safe", pure=True).load(file)
+        return found
+
+    @functools.cached_property
+    def _documents(self) -> dict[int, Mapping[str, Any]]:
+        return {}
+
+    @property
+    def documents(self) -> tuple[Mapping[str, Any], ...]:
+        """The resolved topology of each variant as plain data; that of a run is its only one."""
+        return tuple(map(self.document, self.variants))
+
+
+def topology_file(directory: Path, variant: int) -> Path:
+    """Return where the resolved topology of a campaign's variant stands."""
+    return directory / TOPOLOGIES / f"variant-{variant:03d}.yaml"
 
 
 def load_source(path: Path | str) -> Source:

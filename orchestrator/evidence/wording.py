@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from orchestrator.evidence.comparison import Compared, Comparison, Verdict, remarks
+from orchestrator.evidence.comparison import Compared, Comparison, Verdict, remarks, warnings
 from orchestrator.evidence.metrics import Better, meaning_of
 from orchestrator.evidence.ranks import Difference
 from orchestrator.evidence.samples import Sample
@@ -80,7 +80,7 @@ def _trials(difference: Difference) -> str:
     first, second = difference.sizes
     if difference.paired:
         return f"{first} common {'trial' if first == 1 else 'trials'}"
-    return f"{first} and {second} trials that have no seed and trial in common (unpaired)"
+    return f"{first} and {second} trials, unpaired, since fewer than two have seed and trial in common"
 
 
 def _numbers(own: Compared, comparison: Comparison) -> str:
@@ -100,7 +100,7 @@ def _outcomes(own: Compared) -> str:
     """Return how the trials fell."""
     counts = own.difference.counts
     if counts is None or not own.difference.sizes[0]:
-        return "{} and {} trials, unpaired".format(*own.difference.sizes)
+        return _trials(own.difference)
     less, same, more = counts
     ties = f", as large in {same}" if same else ""
     return f"{own.first} lower in {less}{ties} and higher in {more} of {_trials(own.difference)}"
@@ -122,9 +122,10 @@ def _practice(own: Compared) -> str:
 
 
 def lines(comparison: Comparison) -> list[str]:
-    """Return all verdicts and remarks."""
+    """Return all warnings, verdicts and remarks."""
     number = sum(own.verdict is not Verdict.UNDEFINED for own in comparison.compared)
-    told = [sentence(own, comparison) for own in comparison.compared]
+    told = [f"Warning: {warning}." for warning in warnings(comparison)]
+    told += [sentence(own, comparison) for own in comparison.compared]
     if number > 1:
         told.append(
             f"p values are adjusted together for {number} comparisons (Holm); each interval is for itself."
@@ -148,6 +149,7 @@ def facts(comparison: Comparison) -> dict[str, Any]:
         "comparisons": [
             {**_compared(own), "sentence": sentence(own, comparison)} for own in comparison.compared
         ],
+        "warnings": warnings(comparison),
         "remarks": list(dict.fromkeys(remarks(comparison))),
     }
 

@@ -15,6 +15,9 @@ from orchestrator.report.groups import Group
 from orchestrator.report.lines import band, line, log_axis, stairs, value_axis
 from orchestrator.report.palette import series_style
 
+WHOLE_STEPS = 10
+"""How many steps an axis has at most whose every step has a tick."""
+
 
 def detections(groups: Sequence[Group]) -> dict[str, Detection]:
     """Return what is known of the detectors of each group that has any, by its name."""
@@ -41,12 +44,14 @@ def survival_figure(found: Mapping[str, Detection]) -> Figure | None:
             traces += _stairs(curve, f"{name}: {own.delay.found} of {own.delay.windows} found", number)
     if not traces:
         return None
+    longest = max(own.delay.survival.size for own in found.values() if own.delay.windows)
+    whole = {"dtick": 1} if longest < WHOLE_STEPS else {}
     return Figure(
         name="survival",
         title="How long attacks stay unseen",
         views={(): View(traces)},
         layout={
-            "xaxis": {"title": {"text": "steps of the attack that went by"}, "rangemode": "tozero"},
+            "xaxis": {"title": {"text": "steps of the attack that went by"}, "rangemode": "tozero", **whole},
             "yaxis": {
                 "title": {"text": "attacks without an alarm"},
                 "tickformat": ".0%",

@@ -11,7 +11,7 @@ from orchestrator.report.contents import Choice, Figure, Trace, View
 from orchestrator.report.group_pieces import (
     band_traces,
     error_axis,
-    first_choice,
+    first_scope,
     height,
     label,
     scopes,
@@ -47,7 +47,7 @@ def error_curves(groups: Sequence[Group], notes: list[str]) -> Figure:
         title="RMSE over time",
         views=views,
         layout={"xaxis": step_axis(*(group.period_s for group in groups)), "hovermode": "x unified"},
-        choices=(choice, Choice("Of", scope, first_choice(scope))),
+        choices=(choice, Choice("Of", scope, first_scope(groups))),
         text=f"Root mean square over trials, with {100 * groups[0].confidence:g} % bootstrap bands: whole "
         "trials are drawn again, for what happens inside one hangs together. Dotted: the posterior "
         "Cramér-Rao bound, as far as it is right.",
@@ -95,7 +95,7 @@ def trial_spread(groups: Sequence[Group]) -> Figure:
             "boxmode": "overlay",
             "margin": {"l": 30, "r": 14, "t": 10, "b": 44},
         },
-        choices=(choice, Choice("Of", scope, first_choice(scope))),
+        choices=(choice, Choice("Of", scope, first_scope(groups))),
         text="A point is a trial; the box holds the middle half, its line is the median. Trials that "
         "diverged have no finite error: they are counted in the table, not drawn.",
         height=height(groups, 54),

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from orchestrator.evidence.chosen import Chosen, shown, told_apart
+from orchestrator.evidence.comparability import different_ground
+from orchestrator.evidence.comparison import Comparison
 from orchestrator.evidence.detectors import Detection
 from orchestrator.evidence.figures import rmse
-from orchestrator.evidence.sources import Source
 from orchestrator.report.campaign_consistency import consistency_curves
 from orchestrator.report.campaign_detection import detections, operating_figure, roc_curves, survival_figure
 from orchestrator.report.campaign_errors import error_curves, outcome_figure, trial_spread
@@ -23,9 +26,11 @@ from orchestrator.report.campaign_tables import (
     variant_table,
 )
 from orchestrator.report.campaign_traffic import disagreement_figure, pareto_figure
-from orchestrator.report.comparison import comparison_blocks, price_tables
+from orchestrator.report.comparison import compared, comparison_blocks, is_best, price_tables
 from orchestrator.report.contents import Block, Page, Section, Text, Tile
-from orchestrator.report.groups import By, Group, Outcomes, find_groups, state_names
+from orchestrator.report.grouping import find_groups
+from orchestrator.report.groups import Group, Outcomes, state_names
+from orchestrator.report.swept import swept_figure
 
 
 def _detection_blocks(found: Mapping[str, Detection]) -> list[Block]:
@@ -38,19 +43,20 @@ def _detection_blocks(found: Mapping[str, Detection]) -> list[Block]:
     return blocks
 
 
-def _headline(groups: Sequence[Group]) -> str:
-    """Return in a sentence what became of the trials, and who erred least."""
+def _headline(groups: Sequence[Group], found: Comparison | None) -> str:
+    """Return in a sentence what became of the trials, and who erred least if these can be compared."""
     own = Outcomes.of(groups)
     told = f"All that was expected held in {own.passed:,} of {own.trials:,} trials"
     told += f"; in {own.diverged:,} an estimator diverged" if own.diverged else "; no estimator diverged"
     state = state_names(groups)[0]
     errors = {group.name: rmse(group.rows, state, group.confidence) for group in groups}
     known = {name: own for name, own in errors.items() if np.isfinite(own.value)}
-    if len(known) < 2:
+    if len(known) < 2 or found is None:
         return f"{told}."
     best = min(known, key=lambda name: known[name].value)
     where = "the state" if state == "state" else state
-    return f"{told}. The smallest RMSE of {where} is that of {best}: {interval(known[best])}."
+    how = "shown to be better than every other" if is_best(best, known, found) else "not shown to be the best"
+    return f"{told}. The smallest RMSE of {where} is that of {best}: {interval(known[best])}; it is {how}."
 
 
 def _tiles(groups: Sequence[Group]) -> list[Tile]:
@@ -58,8 +64,10 @@ def _tiles(groups: Sequence[Group]) -> list[Tile]:
     scored = max(own.trials - own.failed, 1)
     variants = len({group.variant for group in groups})
     return [
-        Tile("Variants", f"{variants}", f"{len(groups)} groups of estimators"),
-        Tile("Trials", f"{own.trials:,}", _each(own.trials, variants)),
+        Tile(
+            "Variants", f"{variants}", f"{len(groups)} group{'' if len(groups) == 1 else 's'} of estimators"
+        ),
+        Tile("Trials", f"{own.trials:,}", _each(groups)),
         Tile("Passed", f"{100 * own.passed / max(own.trials, 1):.3g} %", f"{own.passed:,} of {own.trials:,}"),
         Tile(
             "Diverged",
@@ -71,43 +79,70 @@ def _tiles(groups: Sequence[Group]) -> list[Tile]:
     ]
 
 
-def campaign_page(sources: Sequence[Source], by: By | None = None) -> Page:
+def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
     """Return the page of a campaign, or of several sources side by side; ``by`` as `find_groups` says."""
     notes: list[str] = []
-    groups = find_groups(sources, by, notes)
+    groups = find_groups(chosen, by, notes)
+    cut_off = list(_cut_off(groups, chosen))
+    warnings = [*cut_off, *different_ground(*_ran(groups))]
     sections = [
-        Section("variants-section", "Variants", _variant_blocks(groups, sources)),
-        Section("errors-section", "Errors", _error_blocks(groups, notes)),
+        Section("variants-section", "Variants", _variant_blocks(groups, chosen)),
+        Section("errors-section", "Errors", _error_blocks(groups, by, notes)),
         Section("consistency-section", "Consistency", _consistency_blocks(groups, notes)),
         Section("detection-section", "Detection", _detection_blocks(detections(groups))),
         Section("communication-section", "Communication", _communication_blocks(groups)),
-        Section("origin-section", "Provenance", [origin_table(source) for source in sources]),
+        Section("origin-section", "Provenance", _origin_tables(chosen)),
     ]
-    compared = comparison_blocks(groups, notes)
-    if compared:
-        sections.insert(1, Section("comparison-section", "Comparison", compared))
-    failed = bool(Outcomes.of(groups).failed)
+    found = compared(groups, notes)
+    if found is not None:
+        sections.insert(1, Section("comparison-section", "Comparison", comparison_blocks(found)))
+    word = "INCOMPLETE" if cut_off else "PARTLY FAILED" if Outcomes.of(groups).failed else "DONE"
     return Page(
-        title=" and ".join(dict.fromkeys(source.name for source in sources)),
-        kind="Campaign report" if len(sources) == 1 else "Comparison",
-        word="PARTLY FAILED" if failed else "DONE",
-        tone="warn" if failed else "plain",
-        headline=_headline(groups),
-        facts=_facts(groups),
+        title=" and ".join(dict.fromkeys(own.name for own in chosen)),
+        kind="Campaign report" if len(chosen) == 1 else "Comparison",
+        word=word,
+        tone="warn" if word != "DONE" or warnings else "plain",
+        headline=_headline(groups, None if warnings else found),
+        facts=_facts(groups, chosen),
         tiles=_tiles(groups),
         sections=sections,
         notes=notes,
+        warnings=[f"{warning[:1].upper()}{warning[1:]}." for warning in warnings],
     )
 
 
-def _variant_blocks(groups: Sequence[Group], sources: Sequence[Source]) -> list[Block]:
-    failures = failure_table(sources)
+def _ran(groups: Sequence[Group]) -> tuple[list[str], list[Mapping[str, Any]]]:
+    """Return each variant by name, with the topology that it ran."""
+    variants = {group.variant: group for group in groups}.values()
+    return [group.variant_name for group in variants], [group.document for group in variants]
+
+
+def _cut_off(groups: Sequence[Group], chosen: Sequence[Chosen]) -> Iterator[str]:
+    """Yield how much there is of each record that breaks off."""
+    for variant in dict.fromkeys(group.variant for group in groups):
+        own = [group for group in groups if group.variant == variant]
+        first, incomplete = own[0], max(group.rows.incomplete for group in own)
+        if not incomplete:
+            continue
+        name = first.variant_name if first.title or first.settings else chosen[variant[0]].name
+        told = f"the record of {incomplete} of {first.rows.trials} trials of {name} is incomplete"
+        if first.rows.trials == 1:
+            steps = int(first.document["steps"])
+            there = steps - max(group.rows.most_missing for group in own)
+            told = f"the record of {name} is incomplete, {there} of {steps} steps recorded"
+        yield f"{told}: its figures are those of what is there"
+
+
+def _variant_blocks(groups: Sequence[Group], chosen: Sequence[Chosen]) -> list[Block]:
+    failures = failure_table(chosen)
     return [variant_table(groups), outcome_figure(groups), *([failures] if failures else [])]
 
 
-def _error_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
+def _error_blocks(groups: Sequence[Group], by: str | None, notes: list[str]) -> list[Block]:
+    swept = swept_figure(groups, by)
     return [
         error_table(groups),
+        *([swept] if swept else []),
         error_curves(groups, notes),
         trial_spread(groups),
         *price_tables(groups),
@@ -121,15 +156,34 @@ def _consistency_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block
 
 
 def _communication_blocks(groups: Sequence[Group]) -> list[Block]:
-    found = [own for own in (pareto_figure(groups), disagreement_figure(groups)) if own]
-    return [*found] or [Text("There is one group of estimators, and no network in which to disagree.")]
+    front, apart = pareto_figure(groups), disagreement_figure(groups)
+    blocks: list[Block] = [own for own in (front, apart) if own]
+    if front is None and len(groups) > 1:
+        told = "All fill their slots as often: what a packet buys in error is not to be seen here."
+        blocks.insert(0, Text(told))
+    return blocks or [Text("There is one group of estimators, and no network in which to disagree.")]
 
 
-def _each(trials: int, variants: int) -> str:
-    return f"{trials // variants:,} of each" if variants > 1 and trials % variants == 0 else ""
+def _origin_tables(chosen: Sequence[Chosen]) -> list[Block]:
+    names = told_apart([own.name for own in chosen], [str(own.source.path) for own in chosen])
+    return [origin_table(own, name) for own, name in zip(chosen, names, strict=True)]
 
 
-def _facts(groups: Sequence[Group]) -> str:
+def _each(groups: Sequence[Group]) -> str:
+    """Return how many trials each variant has, where that is the same for all of several."""
+    trials = {group.variant: group.rows.trials for group in groups}
+    same = len(trials) > 1 and len(set(trials.values())) == 1
+    return f"{groups[0].rows.trials:,} of each" if same else ""
+
+
+def _facts(groups: Sequence[Group], chosen: Sequence[Chosen]) -> str:
     lengths = dict.fromkeys(f"{group.rows.steps:,} steps of {group.period_s:g} s" for group in groups)
     confidence = f"{100 * groups[0].confidence:g} %"
-    return f"{' or '.join(lengths)}; intervals hold with {confidence} confidence over trials."
+    told = f"{' or '.join(lengths)}; intervals hold with {confidence} confidence over trials."
+    return " ".join([told, *(_choice(own) for own in chosen if len(own.variants) < len(own.source.variants))])
+
+
+def _choice(own: Chosen) -> str:
+    """Return which variants of a campaign are told of."""
+    which = f"number {shown(own.variants)}" if own.choice.isdigit() else f"those with {own.choice}"
+    return f"Of the {len(own.source.variants)} variants of {own.source.name}, {which}."

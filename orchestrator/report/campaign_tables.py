@@ -6,13 +6,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from orchestrator.evidence.chosen import Chosen, shown
 from orchestrator.evidence.detectors import Detection
 from orchestrator.evidence.figures import consistency, efficiency, rmse, sent_rate
 from orchestrator.evidence.intervals import Interval, share
-from orchestrator.evidence.sources import Source
 from orchestrator.evidence.timing import step_time
 from orchestrator.report.contents import Mark, Table, Text
 from orchestrator.report.groups import Group, Outcomes, state_names
+
+LISTED = 8
+"""Most entries of a list that the table of origins names."""
 
 _TONES = {"consistent": "good", "overconfident": "bad", "conservative": "warn", "unknown": "plain"}
 
@@ -140,7 +143,7 @@ def detection_table(found: Mapping[str, Detection]) -> Table:
         for name, own in found.items()
     ]
     columns = (
-        *("variant", "attacked rejected", "genuine rejected", "genuine a false alarm"),
+        *("variant", "attacked rejected", "genuine rejected", "genuine by false alarm"),
         *("AUC", "attacks found", "median delay"),
     )
     return Table("Detectors, with intervals over trials", columns, rows)
@@ -157,13 +160,14 @@ def _steps(found: Interval) -> str:
     )
 
 
-def failure_table(sources: Sequence[Source]) -> Table | None:
+def failure_table(chosen: Sequence[Chosen]) -> Table | None:
     """Return the trials that came to no score, and why; None when there is none."""
     rows = []
-    for source in sources:
-        table = source.read(lambda name: name in ("variant", "trial", "seed", "status", "message"))
+    wanted = ("variant", "trial", "seed", "status", "message")
+    for own in chosen:
+        table = own.source.read(lambda name: name in wanted, own.variants)
         rows += [
-            (source.name, row["variant"], row["trial"], row["seed"], row["message"])
+            (own.source.name, row["variant"], row["trial"], row["seed"], row["message"])
             for row in table.to_pylist()
             if row["status"] == "failed"
         ]
@@ -173,12 +177,13 @@ def failure_table(sources: Sequence[Source]) -> Table | None:
     return Table(f"Trials without a score ({len(rows)})", columns, rows[:200], frozenset({0, 4}), folded=True)
 
 
-def origin_table(source: Source) -> Table:
-    """Return where a source comes from."""
+def origin_table(chosen: Chosen, name: str) -> Table:
+    """Return where a source comes from, under a name for it."""
+    source = chosen.source
     facts = dict(source.provenance)
     told = {**facts, **facts.get("versions", {})}
     versions = {key.partition(".")[2]: text for key, text in told.items() if key.startswith("version.")}
-    time = step_time(source)
+    time = step_time(source, *(chosen.variants if len(chosen.variants) == 1 else ()))
     titles = {
         "file": "file",
         "seed": "seed",
@@ -192,14 +197,19 @@ def origin_table(source: Source) -> Table:
         "machine": "machine",
     }
     rows = [("results", str(source.path)), ("topology", source.name)]
+    if chosen.choice:
+        rows.append(("variants", shown(chosen.variants)))
     rows += [
         (title, _plain(told[key])) for key, title in titles.items() if told.get(key) not in (None, [], "")
     ]
     rows.append(("versions", ", ".join(f"{name} {text}" for name, text in versions.items())))
     if time.trials:
         rows.append(("time of a step", f"{1e3 * time.p50_s:.3g} ms, 95 % below {1e3 * time.p95_s:.3g} ms"))
-    return Table(f"Where {source.name} comes from", (), rows, frozenset({0, 1}))
+    return Table(f"Where {name} comes from", (), rows, frozenset({0, 1}))
 
 
 def _plain(value: object) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+    if not isinstance(value, list | tuple):
+        return str(value)
+    more = [f"and {len(value) - LISTED} more"] if len(value) > LISTED else []
+    return ", ".join([*map(str, value[:LISTED]), *more])

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from orchestrator.evidence.bootstrap import Band
 from orchestrator.evidence.figures import disagreement_curve, rmse, sent_rate
 from orchestrator.evidence.pareto import pareto_front
 from orchestrator.report.contents import Choice, Figure, Trace, View
 from orchestrator.report.group_pieces import (
     band_traces,
     error_axis,
-    first_choice,
+    first_scope,
     scopes,
     state_choice,
 )
@@ -21,14 +22,20 @@ from orchestrator.report.groups import ALL, Group
 from orchestrator.report.lines import line, step_axis
 from orchestrator.report.palette import SERIES, SYMBOLS
 
+LEAST_APART = 1e-3
+"""The smallest difference between shares of slots that is drawn."""
+
 
 def pareto_figure(groups: Sequence[Group]) -> Figure | None:
-    """Return errors against how often nodes speak, with the front that nobody beats in both."""
+    """Return errors against how often nodes speak, with the front that nobody beats in both.
+
+    None where all speak as often: then there is nothing to choose between.
+    """
     choice, scope = state_choice(groups), scopes(groups)
     views: dict[tuple[str, ...], View] = {}
     rates = {which: [sent_rate(group.of(which)) for group in groups] for which, _ in scope}
     known = [rate.value for rate in rates[ALL] if np.isfinite(rate.value)]
-    if len(known) < 2:
+    if len(known) < 2 or np.ptp(known) < LEAST_APART:
         return None
     for state, _ in choice.options:
         for which, _ in scope:
@@ -47,7 +54,7 @@ def pareto_figure(groups: Sequence[Group]) -> Figure | None:
                 "zeroline": False,
             },
         },
-        choices=(choice, Choice("Of", scope, first_choice(scope))),
+        choices=(choice, Choice("Of", scope, first_scope(groups))),
         text="Left and low is better. The line joins those that nobody beats in both at once; bars are "
         "bootstrap intervals over trials.",
         height=380,
@@ -94,12 +101,16 @@ def _or_zero(value: float) -> float:
 
 
 def disagreement_figure(groups: Sequence[Group]) -> Figure | None:
-    """Return how far the estimators of a network are apart over time, with bands."""
-    traces: list[Trace] = []
-    for number, group in enumerate(groups):
+    """Return how far estimators that belong together are apart over time, with bands."""
+    drawn: dict[tuple[tuple[int, int], bytes], tuple[Band, list[Group]]] = {}
+    for group in groups:
         found = disagreement_curve(group.rows, group.confidence)
         if np.isfinite(found.value).any():
-            traces += band_traces(found, group.name, number)
+            _, own = drawn.setdefault((group.variant, found.value.tobytes()), (found, []))
+            own.append(group)
+    traces: list[Trace] = []
+    for number, (found, own) in enumerate(drawn.values()):
+        traces += band_traces(found, _apart(own), number)
     if not traces:
         return None
     return Figure(
@@ -111,6 +122,15 @@ def disagreement_figure(groups: Sequence[Group]) -> Figure | None:
             "yaxis": error_axis("disagreement", [trace["y"] for trace in traces]),
             "hovermode": "x unified",
         },
-        text="RMS distance of the estimates of one network from their mean, over trials.",
+        text="RMS distance from their mean of the estimates of one network, or of estimators of one method "
+        "that are each alone; over trials.",
         height=300,
     )
+
+
+def _apart(groups: Sequence[Group]) -> str:
+    """Return a name for groups that are apart from one another by one curve."""
+    names = " and ".join(group.name for group in groups)
+    if not groups[0].is_apart:
+        return names
+    return f"{names}, each alone" if sum(len(group.nodes) for group in groups) > 1 else f"{names}, alone"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from orchestrator.evidence.comparison import Compared, Comparison, Verdict, compare, remarks
+from orchestrator.evidence.comparison import Compared, Comparison, Verdict, compare, remarks, warnings
 from orchestrator.evidence.contenders import Contender
 from orchestrator.evidence.price import find_twins, price
 from orchestrator.evidence.wording import figure, sentence
@@ -23,23 +23,35 @@ NAMED = 5
 """Most contenders that the labels of the figure of differences name."""
 
 LETTERS = 20
-"""Most letters of a name in the labels of the figure of differences."""
+"""Most letters of the names in the labels of the figure of differences; where one is longer none is named."""
 
 SENTENCES = 5
 """Most verdicts that are told in whole sentences."""
 
 
-def comparison_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
-    """Return the comparison of every two groups in error and consistency; nothing for a single group."""
+def compared(groups: Sequence[Group], notes: list[str]) -> Comparison | None:
+    """Return the comparison of every two groups in error and consistency; None for a single group."""
     if len(groups) < 2:
-        return []
+        return None
     if len(groups) > CONTENDERS:
         notes.append(f"The first {CONTENDERS} of {len(groups)} groups are compared two by two.")
-    contenders = [Contender(group.name, "", group.rows) for group in groups[:CONTENDERS]]
+    contenders = [Contender(group.name, "", group.rows, group.document) for group in groups[:CONTENDERS]]
     states = state_names(groups)
     metrics = [f"rmse.{state}" for state in dict.fromkeys((states[0], "state"))] + ["nees.ratio"]
-    found = compare(contenders, metrics, groups[0].confidence)
+    return compare(contenders, metrics, groups[0].confidence)
+
+
+def comparison_blocks(found: Comparison) -> list[Block]:
+    """Return a comparison in words, as a figure and as a table."""
     return [*_words(found), _difference_figure(found), _table(found)]
+
+
+def is_best(name: str, names: Collection[str], found: Comparison) -> bool:
+    """Return whether by the verdicts on the first metric a contender is better than all others named."""
+    own = [item for item in found.compared if item.metric == found.metrics[0]]
+    beaten = {item.second for item in own if item.verdict is Verdict.FIRST and item.first == name}
+    beaten |= {item.first for item in own if item.verdict is Verdict.SECOND and item.second == name}
+    return beaten.issuperset(set(names) - {name})
 
 
 def _words(found: Comparison) -> list[Text]:
@@ -63,6 +75,8 @@ def _words(found: Comparison) -> list[Text]:
     judged = len(found.compared) - sum(own.verdict is Verdict.UNDEFINED for own in found.compared)
     holm = f"p values are adjusted together for {judged} comparisons (Holm); each interval is for itself."
     notes = [Text(f"Note: {remark}.") for remark in dict.fromkeys(remarks(found))]
+    if warnings(found):
+        told.insert(0, Text("The warnings at the head of this page hold for every comparison here."))
     return [*told, Text(holm), *notes]
 
 
@@ -80,11 +94,11 @@ def _table(found: Comparison) -> Table:
             own.metric,
             own.first,
             own.second,
-            f"{figure(own.difference.shift.value)} "
-            f"[{figure(own.difference.shift.low)}, {figure(own.difference.shift.high)}]",
+            _shift(own),
             "-" if not np.isfinite(own.relative) else f"{100 * own.relative:+.1f} %",
             "< 0.0001" if own.p_adjusted < 1e-4 else f"{own.p_adjusted:.2g}",
             f"{own.difference.effect:+.2f}",
+            _trials(own),
             _verdict(own),
         )
         for own in found.compared
@@ -92,10 +106,23 @@ def _table(found: Comparison) -> Table:
     ]
     columns = (
         *("metric", "first", "second", "first less second", "relative"),
-        *("p (Holm)", "effect", "verdict"),
+        *("p (Holm)", "effect", "trials", "verdict"),
     )
-    title = f"Every two, over common trials ({100 * found.confidence:g} % intervals)"
-    return Table(title, columns, rows, frozenset({0, 1, 2, 7}), folded=len(rows) > 12)
+    title = f"Every two, with {100 * found.confidence:g} % intervals"
+    return Table(title, columns, rows, frozenset({0, 1, 2, 8}), folded=len(rows) > 12)
+
+
+def _shift(own: Compared) -> str:
+    """Return a difference with its interval, where there are enough trials for one."""
+    shift = own.difference.shift
+    if not np.isfinite([shift.low, shift.high]).any():
+        return figure(shift.value)
+    return f"{figure(shift.value)} [{figure(shift.low)}, {figure(shift.high)}]"
+
+
+def _trials(own: Compared) -> str:
+    first, second = own.difference.sizes
+    return f"{first:,} common" if own.difference.paired else f"{first:,}, {second:,} unpaired"
 
 
 def _difference_figure(found: Comparison) -> Figure:
@@ -106,7 +133,8 @@ def _difference_figure(found: Comparison) -> Figure:
         own = [item for item in found.compared if item.metric == metric]
         own = [item for item in own if np.isfinite(item.difference.shift.value)]
         axis = {"tickvals": list(range(len(own))), "ticktext": [_pair(item, numbers) for item in own]}
-        views[(metric,)] = View([_difference_trace(own)], {"yaxis": axis})
+        across = {"title": {"text": f"{metric}: first less second"}, "range": _reach(own)}
+        views[(metric,)] = View([_difference_trace(own)], {"xaxis": across, "yaxis": axis})
     most = max(len(view.traces[0]["y"]) for view in views.values())
     zero = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": 0, "x1": 0, "layer": "below"}
     return Figure(
@@ -115,7 +143,6 @@ def _difference_figure(found: Comparison) -> Figure:
         views=views,
         layout={
             "xaxis": {
-                "title": {"text": "first less second"},
                 "zeroline": False,
                 "tickangle": 0,
                 "nticks": 6,
@@ -125,21 +152,22 @@ def _difference_figure(found: Comparison) -> Figure:
             "margin": {"l": 30, "r": 18, "t": 10, "b": 44},
         },
         choices=(Choice("Metric", [(metric, metric) for metric in found.metrics], found.metrics[0]),),
-        text="The median difference of common trials, by the numbers of the table of variants. Where the bar "
-        "does not reach zero (dotted), one is better; the verdicts also count how much was compared at once.",
-        height=110 + (34 if len(numbers) <= NAMED else 24) * most,
+        text="The median difference, trial by trial where there are common ones, by the numbers of the table "
+        "of variants. Where the bar does not reach zero (dotted), one is better; the verdicts also count how "
+        "much was compared at once.",
+        height=110 + (34 if _are_named(numbers) else 24) * most,
     )
 
 
 def _pair(own: Compared, numbers: Mapping[str, int]) -> str:
-    """Return a label for two contenders: their numbers in the table of variants, and their names if few."""
-    if len(numbers) > NAMED:
+    """Return a label for two contenders: their numbers in the table of variants, and few short names."""
+    if not _are_named(numbers):
         return f"{numbers[own.first]} less {numbers[own.second]}"
-    first, second = (
-        f"{numbers[name]} {name if len(name) <= LETTERS else name[: LETTERS - 1] + '…'}"
-        for name in (own.first, own.second)
-    )
-    return f"{first}<br>less {second}"
+    return f"{numbers[own.first]} {own.first}<br>less {numbers[own.second]} {own.second}"
+
+
+def _are_named(numbers: Mapping[str, int]) -> bool:
+    return len(numbers) <= NAMED and max(map(len, numbers)) <= LETTERS
 
 
 def _difference_trace(own: Sequence[Compared]) -> Trace:
@@ -169,6 +197,15 @@ def _difference_trace(own: Sequence[Compared]) -> Trace:
         "hovertemplate": "%{text}<br>%{x:.4g}: %{customdata}<extra></extra>",
         "showlegend": False,
     }
+
+
+def _reach(own: Sequence[Compared]) -> list[float]:
+    """Return the range of the axis: all differences with their intervals, and zero, with room beside them."""
+    shifts = [item.difference.shift for item in own]
+    ends = [end for shift in shifts for end in (shift.low, shift.value, shift.high) if np.isfinite(end)]
+    low, high = min([0.0, *ends]), max([0.0, *ends])
+    room = 0.06 * (high - low) or 1.0
+    return [low - room, high + room]
 
 
 def _finite(value: float) -> float:

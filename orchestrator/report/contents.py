@@ -130,7 +130,8 @@ class Section:
 class Page:
     """A whole page.
 
-    ``word`` is the verdict's first word and ``tone`` its colour; ``notes`` say what was thinned or left out.
+    ``word`` is the verdict's first word and ``tone`` its colour. ``warnings`` stand at the head and say what
+    the figures must not be taken for; ``notes`` say what was thinned or left out.
     """
 
     title: str
@@ -142,6 +143,7 @@ class Page:
     tiles: Sequence[Tile]
     sections: Sequence[Section]
     notes: Sequence[str] = ()
+    warnings: Sequence[str] = ()
 
     @property
     def figures(self) -> list[Figure]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from orchestrator.evidence.bootstrap import Band
+from orchestrator.evidence.intervals import Interval
 from orchestrator.report.contents import Choice, Trace
 from orchestrator.report.groups import ALL, ATTACKED, Group, state_names
 from orchestrator.report.lines import band, line, log_axis, value_axis
@@ -38,6 +39,23 @@ def band_traces(found: Band, name: str, number: int, **more: Any) -> list[Trace]
     return [shade, {**middle, "legendgroup": name}]
 
 
+def points_trace(x: Floats, found: Sequence[Interval], name: str, number: int) -> Trace:
+    """Return points (N,) joined by a line, each with its interval, in the style of a number."""
+    values, low, high = (np.array([getattr(own, side) for own in found]) for side in ("value", "low", "high"))
+    values = np.where(np.isfinite(values), values, np.nan)
+    style = series_style(number)
+    bars = {
+        "type": "data",
+        "symmetric": False,
+        "array": np.nan_to_num(high - values),
+        "arrayminus": np.nan_to_num(values - low),
+        "thickness": 1.2,
+        "color": style["color"],
+    }
+    drawn = line(x, values, name, style["color"], dash=style["dash"], error_y=bars, hovertemplate="%{y:.4g}")
+    return {**drawn, "mode": "lines+markers", "marker": {"color": style["color"], "size": 7}}
+
+
 def scopes(groups: Sequence[Group]) -> list[tuple[str, str]]:
     """Return the choices of estimators: all, and the attacked ones where these are fewer."""
     found = [(ALL, "all estimators")]
@@ -46,9 +64,9 @@ def scopes(groups: Sequence[Group]) -> list[tuple[str, str]]:
     return found
 
 
-def first_choice(choices: Sequence[tuple[str, str]]) -> str:
-    """Return what of some choices is shown first: the most special one, which comes last."""
-    return choices[-1][0]
+def first_scope(groups: Sequence[Group]) -> str:
+    """Return which estimators are shown first: the attacked ones, unless that would leave a group out."""
+    return ATTACKED if scopes(groups)[1:] and all(group.attacked for group in groups) else ALL
 
 
 def state_choice(groups: Sequence[Group]) -> Choice:

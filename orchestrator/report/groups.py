@@ -3,50 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from orchestrator.evidence.bootstrap import CONFIDENCE
-from orchestrator.evidence.columns import ColumnError, Rows, select, state_groups
-from orchestrator.evidence.sources import RESULTS, Source
-from orchestrator.evidence.table import settings_by_variant
-from orchestrator.report.errors import ReportError
+from orchestrator.evidence.columns import Rows, in_usual_order, state_groups
 from orchestrator.score.gather import Bools, Floats
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 ALL, ATTACKED = "all", "attacked"
-By = Literal["node", "method", "variant"]
-
-MOST = 40
-"""Most groups that a page tells of."""
-
-_KEYS = ("variant", "trial", "seed", "node", "method", "status")
-_EVENTS = ("packet.", "window.")
-
-PACKETS = 4_000_000
-"""Most judged packets that are read."""
 
 
 @dataclass(frozen=True)
 class Group:
     """The rows of some estimators of one variant, under a name of its own.
 
-    ``variant`` is the number of the source and of its variant, ``nodes`` are the estimators, and ``attacked``
-    those of them that an attack reached in any trial. ``judged`` holds the rows with the packets that
-    detectors judged, of fewer trials where these are very many. ``document`` is the resolved topology.
+    What the name is made of: the ``title`` of the source, where there are several; the ``settings`` of the
+    variant, by path; and the ``part`` of its estimators. ``variant`` is the number of the source and of its
+    variant, ``nodes`` are the estimators, and ``attacked`` those of them that an attack reached in any trial.
+    ``judged`` holds the rows with the packets that detectors judged, of fewer trials where these are very
+    many. ``document`` is the resolved topology.
     """
 
     name: str
+    title: str
+    settings: Mapping[str, str]
+    part: str
     variant: tuple[int, int]
     rows: Rows
     judged: Rows
     nodes: Sequence[str]
     attacked: Sequence[str]
     document: Mapping[str, Any]
+
+    @property
+    def variant_name(self) -> str:
+        """The name of its variant: without the part, unless there is nothing else."""
+        return ", ".join(filter(None, (self.title, *described(self.settings).values()))) or self.part
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether none of its estimators exchanges anything with another one."""
+        edges = (self.document.get("graph") or {}).get("edges") or []
+        return not any({*edge[:2]}.intersection(self.nodes) for edge in edges)
 
     @property
     def from_step(self) -> int:
@@ -92,10 +92,10 @@ class Group:
 
 
 def state_names(groups: Sequence[Group]) -> list[str]:
-    """Return the state groups that all tell errors of: ``position`` first, ``state``, all of it, last."""
+    """Return the state groups that all tell errors of, in their usual order: ``state``, all of it, last."""
     told = [state_groups(group.rows.table) for group in groups]
     found = [name for name in told[0] if name != "state" and all(name in own for own in told)]
-    return [*sorted(found, key=lambda name: name != "position"), "state"]
+    return [*in_usual_order(found), "state"]
 
 
 @dataclass(frozen=True)
@@ -145,112 +145,7 @@ def short_names(paths: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def find_groups(sources: Sequence[Source], by: By | None, notes: list[str]) -> list[Group]:
-    """Return the groups of some sources, in their order; raises `ReportError` when nothing was scored.
-
-    ``by`` says what estimators of a variant make a group: each alone (``node``), those of one ``method``, or
-    all (``variant``). By default it is those that differ in nothing but what they hear.
-    """
-    found = [
-        group
-        for number, source in enumerate(sources)
-        for group in _groups_of(source, number, source.name if len(sources) > 1 else "", by, notes)
-    ]
-    if not found:
-        raise ReportError(f"{sources[0].path} holds no trial that was scored: there is nothing to report")
-    if len(found) > MOST:
-        notes.append(f"{MOST} of {len(found)} groups of estimators are reported, the first of them.")
-        found = found[:MOST]
-    names = [group.name for group in found]
-    return [
-        group if names.count(group.name) == 1 else replace(group, name=f"{group.name} [{number}]")
-        for number, group in enumerate(found, start=1)
-    ]
-
-
-def _groups_of(source: Source, number: int, title: str, by: By | None, notes: list[str]) -> list[Group]:
-    table, judged = source.read(lambda name: not name.startswith("packet.")), _judged(source, notes)
-    documents, found = source.documents, []
-    for variant, settings in settings_by_variant(table).items():
-        document = documents[variant] if variant < len(documents) else documents[0]
-        try:
-            whole = select(table, variant=variant)
-        except ColumnError:
-            continue
-        short = short_names(list(settings))
-        own = ", ".join(f"{short[path]} {value}" for path, value in settings.items())
-        parts = _parts(whole, document, by)
-        for name, nodes in parts.items():
-            shown = name if len(parts) > 1 or not (own or title) else ""
-            rows = select(table, variant=variant, nodes=nodes)
-            found.append(
-                Group(
-                    name=", ".join(part for part in (title, own, shown) if part),
-                    variant=(number, variant),
-                    rows=rows,
-                    judged=select(judged, variant=variant, nodes=nodes),
-                    nodes=nodes,
-                    attacked=_attacked(rows),
-                    document=document,
-                )
-            )
-    return found
-
-
-def _judged(source: Source, notes: list[str]) -> pa.Table:
-    """Return the rows with their judged packets: of the first trials only, where these are very many."""
-    if source.kind == "run":
-        return source.table
-    import pyarrow.parquet as pq
-
-    file = source.path / RESULTS
-    held = pq.ParquetFile(file)
-    names = [name for name in held.schema_arrow.names if name in _KEYS or name.startswith(_EVENTS)]
-    held = held.metadata
-    groups = (held.row_group(i) for i in range(held.num_row_groups))
-    packets = sum(
-        group.column(i).num_values
-        for group in groups
-        for i in range(group.num_columns)
-        if group.column(i).path_in_schema.startswith("packet.step")
-    )
-    if packets <= PACKETS:
-        return pq.read_table(file, columns=names)
-    first, trials = int(source.provenance["first_trial"]), int(source.provenance["trials"])
-    some = max(2, trials * PACKETS // packets)
-    notes.append(
-        f"Detection is told of the first {some} of {trials} trials: {packets:,} packets were judged."
-    )
-    return pq.read_table(file, columns=names, filters=[("trial", "<", first + some)])
-
-
-def _parts(rows: Rows, document: Mapping[str, Any], by: By | None) -> dict[str, list[str]]:
-    """Return the estimators of a variant that belong together, under a name for each."""
-    method = dict(zip(rows.text("node"), rows.text("method"), strict=True))
-    privileged = rows.privileged
-    if by == "node":
-        return {f"{node} PRIVILEGED" if node in privileged else node: [node] for node in method}
-    if by == "variant":
-        return {"all estimators": list(method)}
-    parts: dict[tuple[str, str], list[str]] = {}
-    for node, kind in method.items():
-        own = f"{kind} PRIVILEGED" if node in privileged else kind
-        stated = (document.get("estimators") or {}).get(node) or {}
-        differs = {key: value for key, value in stated.items() if key not in ("sensors", "weights")}
-        key = own, "" if by == "method" else repr(sorted(differs.items(), key=lambda item: item[0]))
-        parts.setdefault(key, []).append(node)
-    methods = [own for own, _ in parts]
-    return {
-        own if methods.count(own) == 1 else f"{own} {_span(nodes)}": nodes
-        for (own, _), nodes in parts.items()
-    }
-
-
-def _span(nodes: Sequence[str]) -> str:
-    return nodes[0] if len(nodes) == 1 else f"{nodes[0]} to {nodes[-1]}"
-
-
-def _attacked(rows: Rows) -> tuple[str, ...]:
-    hit = np.nansum(rows.series("attacked"), axis=1) > 0
-    nodes = rows.text("node")
-    return tuple(dict.fromkeys(node for node, own in zip(nodes, hit, strict=True) if own))
+def described(settings: Mapping[str, str]) -> dict[str, str]:
+    """Return each setting in a few words, by its path: as much of that as tells it apart, and the value."""
+    short = short_names(list(settings))
+    return {path: f"{short[path]} {value}" for path, value in settings.items()}

@@ -16,9 +16,9 @@ from orchestrator.report.thinning import STRETCHES
 from orchestrator.report.tracking import disagreement_figure, error_figure, tracking_figure
 from orchestrator.report.traffic import link_table, matrix_figure, rate_figure
 from orchestrator.score.gather import Bools
+from orchestrator.score.headline import headline
 from orchestrator.score.judging import show
-from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Score
-from orchestrator.score.verdict import headline
+from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Outcome, Score
 
 TONES = {"PASSED": "good", "FAILED": "bad", "INCOMPLETE": "warn", "DONE": "plain"}
 WINDOW_ROWS = 200
@@ -43,6 +43,7 @@ def _tiles(score: Score) -> list[Tile]:
     diverged = sum(node.divergence_step is not None for node in score.nodes)
     held = sum(outcome.passed for outcome in score.expectations)
     tiles = [
+        *_missing(score),
         Tile(
             "Expectations held",
             f"{held} of {len(score.expectations)}" if score.expectations else "none",
@@ -70,6 +71,21 @@ def _tiles(score: Score) -> list[Tile]:
     ]
 
 
+def _missing(score: Score) -> list[Tile]:
+    """Return how much of the run is there, where that is not all of it."""
+    if score.complete:
+        return []
+    missing = score.steps - score.steps_recorded
+    return [
+        Tile(
+            "Steps recorded",
+            f"{score.steps_recorded:,} of {score.steps:,}",
+            f"{missing:,} missing",
+            tone="warn",
+        )
+    ]
+
+
 def _attack_remark(score: Score) -> str:
     links = {window.link for window in score.windows}
     return f"on {len(links)} of {len(score.links)} links" if links else ""
@@ -84,11 +100,17 @@ def verdict_table(score: Score) -> Table:
             outcome.metric,
             f"{words[outcome.relation]} {show(outcome.bound)}",
             "see beside" if outcome.measured is None else show(outcome.measured),
-            outcome.where if outcome.measured is not None else outcome.message.partition(": ")[2],
+            _where(outcome),
         )
         for outcome in sorted(score.expectations, key=lambda outcome: outcome.passed)
     ]
     return Table("Expectations", ("", "metric", "expected", "measured", "where"), rows, frozenset({0, 1, 4}))
+
+
+def _where(outcome: Outcome) -> str:
+    """Return where an expectation was measured and of how many that was the worst, or why it was not."""
+    told = outcome.message.partition(": ")[2]
+    return told if outcome.measured is None else told.partition(" (")[2].removesuffix(")")
 
 
 def _remark(node: NodeScore, score: Score) -> str:
@@ -170,6 +192,10 @@ def _origin_table(recording: Recording, path: Path) -> Table:
         if key.startswith("version.")
     )
     state = "complete" if recording.log.complete else "incomplete"
+    if recording.log.truncated:
+        state = "cut off; gauntlet log recover makes it whole"
+    if not recording.score.complete:
+        state += f"; {recording.score.steps_recorded} of {recording.score.steps} steps"
     rows = [
         ("log", str(path)),
         ("topology", facts["name"]),

@@ -181,14 +181,15 @@ def _error_axis(group: str, norm: Floats) -> dict[str, object]:
 
 
 def disagreement_figure(recording: Recording) -> Figure | None:
-    """Return how far the members of each network are apart over time; None without a network."""
+    """Return how far estimators that belong together are apart over time; None where there are none."""
     traces = []
     for number, network in enumerate(recording.score.networks):
         values = np.array(network.disagreement_by_step, dtype=np.float64)
         if np.isfinite(values).any():
             at = kept(values)
             style = series_style(number)
-            name = f"{network.members[0]} to {network.members[-1]}"
+            alone = "" if recording.score.exchanging.issuperset(network.members) else ", each alone"
+            name = f"{network.members[0]} to {network.members[-1]}{alone}"
             traces.append(
                 line(at, values[at], name, style["color"], dash=style["dash"], hovertemplate="%{y:.4g}")
             )
@@ -199,13 +200,24 @@ def disagreement_figure(recording: Recording) -> Figure | None:
         axis = log_axis("disagreement", [trace["y"] for trace in traces])
     return Figure(
         name="disagreement",
-        title="Disagreement in each network over time",
+        title="Disagreement over time",
         views={(): View(traces, {"shapes": attack_shapes(np.any(recording.attacked, axis=0))})},
         layout={
             "xaxis": step_axis(recording.plan.period_s),
             "yaxis": axis,
             "hovermode": "x unified",
         },
-        text="RMS distance of the estimates of the estimators that belong together from their mean.",
+        text=f"RMS distance from their mean of the estimates of {_belonging(recording)}.",
         height=260,
+    )
+
+
+def _belonging(recording: Recording) -> str:
+    """Return which estimators belong together."""
+    exchanging = recording.score.exchanging
+    if not exchanging:
+        return "the estimators of one method, each of them alone"
+    is_network = len(exchanging) == len(recording.names)
+    return (
+        "each network" if is_network else "each network, or of estimators of one method that are each alone"
     )

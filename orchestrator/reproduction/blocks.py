@@ -10,9 +10,8 @@ import numpy as np
 from orchestrator.report.campaign_tables import figure as as_text
 from orchestrator.report.campaign_tables import interval
 from orchestrator.report.contents import Block, Figure, Link, Mark, Table, Text, Trace, View
-from orchestrator.report.group_pieces import band_traces
-from orchestrator.report.lines import line, log_axis, step_axis, value_axis
-from orchestrator.report.palette import series_style
+from orchestrator.report.group_pieces import band_traces, points_trace
+from orchestrator.report.lines import log_axis, step_axis, value_axis
 from orchestrator.reproduction.claims import Entry, Points, Value
 from orchestrator.reproduction.judging import Word, word_on
 from orchestrator.reproduction.measuring import Found, Results, number, over_what_varies, series
@@ -95,7 +94,7 @@ def _curves(entry: Entry, name: str, results: Results) -> Figure:
     for i, (curve, found) in enumerate(zip(entry.curves, bands, strict=True)):
         traces += band_traces(found, curve.label, i)
     periods = {
-        float(results.source(curve.campaign).documents[curve.variant]["period_s"]) for curve in entry.curves
+        float(results.source(curve.campaign).document(curve.variant)["period_s"]) for curve in entry.curves
     }
     layout = {
         "xaxis": step_axis(*periods),
@@ -113,24 +112,10 @@ def _curves(entry: Entry, name: str, results: Results) -> Figure:
 
 
 def _points_figure(entry: Entry, name: str, at: Sequence[tuple[Floats, list[Found]]]) -> Figure:
-    traces: list[Trace] = []
-    for i, (part, (x, found)) in enumerate(zip(entry.points, at, strict=True)):
-        style = series_style(i)
-        values, low, high = (
-            np.array([getattr(own.number, side) for own in found]) for side in ("value", "low", "high")
-        )
-        bars = {
-            "type": "data",
-            "symmetric": False,
-            "array": np.nan_to_num(high - values),
-            "arrayminus": np.nan_to_num(values - low),
-            "thickness": 1.2,
-            "color": style["color"],
-        }
-        drawn = line(
-            x, values, part.label, style["color"], dash=style["dash"], error_y=bars, hovertemplate="%{y:.4g}"
-        )
-        traces.append({**drawn, "mode": "lines+markers", "marker": {"color": style["color"], "size": 7}})
+    traces = [
+        points_trace(x, [own.number for own in found], part.label, i)
+        for i, (part, (x, found)) in enumerate(zip(entry.points, at, strict=True))
+    ]
     heights = [np.array([own.number.value for own in found]) for _, found in at]
     x_title = entry.x_title or (entry.points[0].setting or "")
     x_axis = log_axis(x_title, [x for x, _ in at]) if entry.log_x else value_axis(x_title)

@@ -354,18 +354,20 @@ class Outcome(Result, frozen=True, kw_only=True):
 
 
 class Score(Result, frozen=True, kw_only=True):
-    """The whole score of one run. ``complete`` says that every step of truth and of every estimator is there.
+    """The whole score of one run.
 
-    ``passed`` says that the run is complete and every expectation held. ``departed`` tells from which step on
-    a node was silent that died though the topology did not have it so, and that the others outlived.
-    ``unmatched_verdicts`` counts verdicts on packets that the channel never delivered. ``senders`` are the
-    nodes with an event trigger.
+    ``steps_recorded`` counts the steps of which the record holds the truth and every estimate that is owed,
+    and ``complete`` says that these are all. ``passed`` says that the run is complete and every expectation
+    held. ``departed`` tells from which step on a node was silent that died though the topology did not have
+    it so, and that the others outlived. ``unmatched_verdicts`` counts verdicts on packets that the channel
+    never delivered. ``senders`` are the nodes with an event trigger.
     """
 
     name: str
     seed: int
     trial: int
     steps: int
+    steps_recorded: int
     period_s: float
     options: ScoreOptions
     complete: bool
@@ -381,6 +383,13 @@ class Score(Result, frozen=True, kw_only=True):
     lockouts: list[Lockout]
     expectations: list[Outcome]
     senders: list[SenderScore] = []
+
+    @property
+    def exchanging(self) -> frozenset[str]:
+        """The estimators that a link joins to another one; each of the others is alone."""
+        names = {node.name for node in self.nodes}
+        joined = ({link.source, link.destination} for link in self.links)
+        return frozenset(name for ends in joined if ends <= names for name in ends)
 
     def to_json(self) -> bytes:
         """Return the canonical JSON: equal scores give equal bytes."""

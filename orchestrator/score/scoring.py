@@ -110,6 +110,15 @@ def _silent_from(plan: Plan, name: str) -> int | None:
     return step if step < plan.steps else None
 
 
+def _recorded(plan: Plan, gathered: Gathered) -> int:
+    """Return the number of steps of which the truth and every estimate that is owed stand in the record."""
+    whole = gathered.truth_present.copy()
+    for i, estimator in enumerate(plan.estimators):
+        owed = slice(0, plan.silent_from(estimator.name))
+        whole[owed] &= gathered.estimates.present[i, owed]
+    return int(whole.sum())
+
+
 def _measured(plan: Plan, evidence: Evidence, options: ScoreOptions) -> Score:
     """Return the score before its expectations are judged."""
     gathered, judgement = evidence.gathered, evidence.judgement
@@ -132,7 +141,7 @@ def _measured(plan: Plan, evidence: Evidence, options: ScoreOptions) -> Score:
             plan.links, by_link, link_confusions(judgement), recovered, strict=True
         )
     ]
-    complete = bool(gathered.truth_present.all()) and all(node.complete for node in nodes)
+    recorded = _recorded(plan, gathered)
     return Score(
         name=plan.name,
         seed=plan.seed,
@@ -140,8 +149,9 @@ def _measured(plan: Plan, evidence: Evidence, options: ScoreOptions) -> Score:
         steps=plan.steps,
         period_s=plan.period_s,
         options=options,
-        complete=complete,
-        passed=complete,
+        steps_recorded=recorded,
+        complete=recorded == plan.steps,
+        passed=recorded == plan.steps,
         nodes=nodes,
         networks=[
             network_score(members, names, gathered.estimates, evidence.errors, counted)

@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from orchestrator.campaign.grid import GridError, lay_grid, split_values
+from orchestrator.campaign.grid import GridError, lay_grid
+from orchestrator.topology.value_lists import split_values
 
 
 @pytest.mark.parametrize(

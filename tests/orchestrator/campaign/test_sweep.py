@@ -8,11 +8,13 @@ import signal
 import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import pyarrow.compute as pc
 import pytest
 
 from orchestrator import exit_codes
+from orchestrator.campaign.differences import differences
 from orchestrator.campaign.directory import CampaignError
 from orchestrator.errors import InputError
 from orchestrator.evidence.rows import trial_rows
@@ -144,30 +146,72 @@ def test_trials_may_begin_anywhere(home: Home) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("overrides", "change", "lines"),
     [
-        ({"overrides": ["channel...failure=0.05,0.3"]}, "overrides"),
-        ({"seed": 8}, "seed: 7 there, 8 here"),
-        ({"first_trial": 1}, "first_trial: 0 there, 1 here"),
+        (["channel...failure=0.05,0.3"], {}, ["--set channel...failure: 0.05,0.4 there, 0.05,0.3 here"]),
+        ([], {}, ["--set channel...failure: 0.05,0.4 there, not given here"]),
+        ([GRID, "steps=8"], {}, ["--set steps: not given there, 8 here"]),
+        ([GRID, "name=other"], {}, ["--set name: not given there, other here"]),
+        ([GRID], {"seed": 8}, ["--seed: 7 there, 8 here"]),
+        ([GRID], {"first_trial": 1}, ["--first-trial: 0 there, 1 here"]),
+        ([GRID], {"twins": True}, ["--twin: not given there, given here"]),
+        (
+            ["steps=8"],
+            {"seed": 8},
+            [
+                "--set channel...failure: 0.05,0.4 there, not given here",
+                "--set steps: not given there, 8 here",
+                "--seed: 7 there, 8 here",
+            ],
+        ),
     ],
 )
-def test_another_campaign_is_refused_in_its_directory(home: Home, change, told: str) -> None:
+def test_another_campaign_is_refused_with_each_difference_once_and_the_cure(
+    home: Home, overrides: list[str], change: dict[str, Any], lines: list[str]
+) -> None:
+    assert GRID == "channel...failure=0.05,0.4"
     home.sweep("out", 1, GRID)
-    with pytest.raises(CampaignError, match=told):
-        home.sweep("out", 2, *change.pop("overrides", [GRID]), **change)
+    with pytest.raises(CampaignError) as refusal:
+        home.sweep("out", 2, *overrides, **change)
+    first, *found, cure = str(refusal.value).splitlines()
+    assert first.startswith(f"{home.folder / 'out'} holds another campaign")
+    assert [line.strip() for line in found] == lines
+    assert cure.split("; ") == [
+        "  to go on with it, give the command as it was there",
+        "to begin another one, choose another --out",
+    ]
+
+
+def test_another_topology_is_refused_in_one_line(home: Home) -> None:
+    home.sweep("out", 1, GRID)
+    text = (home.folder / "small.yaml").read_text()
+    (home.folder / "large.yaml").write_text(text.replace("name: small", "name: large"))
+    with pytest.raises(CampaignError) as refusal:
+        home.sweep("out", 2, GRID, file=home.folder / "large.yaml")
+    _, *found, _ = str(refusal.value).splitlines()
+    assert found == ["  the topology: small (small.yaml) there, large (large.yaml) here"]
+
+
+def test_long_values_are_shown_where_they_begin_to_differ() -> None:
+    long = ", ".join(f"{number}.25" for number in range(60))
+    there, here = ({"overrides": [f"sensors...C=[[{long}, {last}]]"]} for last in ("7.0", "8.0"))
+    (found,) = differences(there, here)
+    assert len(found.line) < 120
+    assert "7.0]]" in found.line.partition(" there, ")[0]
+    assert "8.0]]" in found.line.partition(" there, ")[2]
 
 
 def test_a_changed_topology_or_version_is_refused_with_what_has_changed(home: Home) -> None:
     out, _ = home.sweep("out", 1)
     text = (home.folder / "small.yaml").read_text()
     (home.folder / "small.yaml").write_text(text.replace("std: 0.1", "std: 0.2"))
-    with pytest.raises(CampaignError, match="the topology: its file"):
+    with pytest.raises(CampaignError, match=r"the topology: its file.*\n.* put the topology back as it was"):
         home.sweep("out", 2)
     (home.folder / "small.yaml").write_text(text)
     facts = (out / "campaign.json").read_text()
     numpy = facts_of(out)["versions"]["version.numpy"]
     (out / "campaign.json").write_text(facts.replace(f'"{numpy}"', '"0.9"'))
-    with pytest.raises(CampaignError, match=r"version\.numpy: \"0\.9\" there"):
+    with pytest.raises(CampaignError, match=r"numpy: 0\.9 there, .*\n.* use the versions that are there"):
         home.sweep("out", 2)
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from orchestrator.command_line.app import main
+from orchestrator.log.reader import read_log
 from orchestrator.run import run_topology
 from orchestrator.run_directory import make_run_directory
 from orchestrator.topology.load import load_topology
@@ -95,6 +96,17 @@ def gauntlet_process(home: Path) -> Callable[..., subprocess.Popen[str]]:
         )
 
     return begin
+
+
+@pytest.fixture
+def cut_off(finished_run: Path, home: Path) -> tuple[Path, int]:
+    """A log that breaks off amid the run, and how many of its 24 steps are whole."""
+    whole = (finished_run / "run.mcap").read_bytes()
+    log = home / "cut.mcap"
+    log.write_bytes(whole[: len(whole) // 2])
+    _, steps = read_log(log).counts()
+    assert 0 < steps < 24
+    return log, steps
 
 
 @pytest.fixture(scope="session")

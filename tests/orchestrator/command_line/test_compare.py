@@ -32,10 +32,10 @@ class Silent:
     def advance(self, finished: int, failed: int) -> None: ...
 
 
-def campaign(directory: Path, name: str, *overrides: str) -> Path:
+def campaign(directory: Path, name: str, *overrides: str, trials: int = TRIALS) -> Path:
     file = directory / "small.yaml"
     file.write_text(SMALL)
-    return sweep(prepare(Request(file, TRIALS, overrides=overrides, out=directory / name)), Silent())
+    return sweep(prepare(Request(file, trials, overrides=overrides, out=directory / name)), Silent())
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +47,13 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return campaign(tmp_path_factory.mktemp("calm"), "calm", "attacks=null")
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign in which two things vary."""
+    varied = ("plant.process_noise.std=0.2,3.0", "seed=1,2")
+    return campaign(tmp_path_factory.mktemp("grid"), "grid", *varied, trials=1)
 
 
 def test_variants_of_one_campaign_are_compared_and_the_better_is_named(
@@ -121,6 +128,39 @@ def test_two_campaigns_are_paired_by_seed_and_trial(gauntlet: Command, swept: Pa
     assert [contender["path"] for contender in told["contenders"]] == [str(swept), str(calm)]
 
 
+def test_contenders_on_another_ground_are_warned_of_to_people_and_to_programs(
+    gauntlet: Command, swept: Path, calm: Path, finished_run: Path
+) -> None:
+    said = " ".join(gauntlet("compare", swept).out.split())
+    assert "Warning: they ran different plants (plant.process_noise.std differs): a difference in" in said
+    assert said.index("Warning:") < said.index("is better than")
+    told = gauntlet("compare", f"{swept}#1", calm, "--json").json()
+    (warning,) = told["warnings"]
+    assert warning.startswith(
+        "they ran different plants (plant.process_noise.std is 3 for small#1, 0.2 for small)"
+    )
+    same = gauntlet("compare", f"{swept}#0", calm, finished_run, "--json").json()
+    assert same["warnings"] == [], "the plant is the same, attacked or not, in a campaign or a run"
+
+
+def test_other_seeds_are_compared_unpaired_and_said_so(gauntlet: Command, calm: Path, tmp_path: Path) -> None:
+    other = campaign(tmp_path, "other", "attacks=null", "seed=8")
+    said = " ".join(gauntlet("compare", calm, other).out.split())
+    assert "10 and 10 trials, unpaired, since fewer than two have seed and trial in common" in said
+    told = gauntlet("compare", calm, other, "--json").json()
+    assert [own["paired"] for own in told["comparisons"]] == [False]
+    assert told["warnings"] == []
+
+
+def test_it_is_told_how_much_there_is_of_a_record_that_breaks_off(
+    gauntlet: Command, finished_run: Path, cut_off: tuple[Path, int]
+) -> None:
+    log, steps = cut_off
+    told = gauntlet("compare", log, finished_run, "--json").json()
+    (remark,) = told["remarks"]
+    assert remark.startswith(f"small (cut.mcap): its record is incomplete ({steps} of 24 steps); figures are")
+
+
 def test_two_runs_are_too_few_and_it_says_so(gauntlet: Command, finished_run: Path) -> None:
     answer = gauntlet("compare", finished_run, finished_run / "run.mcap", "--metric", "rmse.state")
     assert answer.code == 0
@@ -150,6 +190,30 @@ def test_what_cannot_be_compared_is_bad_input_with_its_cure(
     assert answer.code == 2
     assert cure in answer.err
     assert "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize("command", ["compare", "report"])
+@pytest.mark.parametrize(
+    ("arguments", "cure"),
+    [
+        (["{swept}#7"], "has no variant '7'; it has 0: plant.process_noise.std=0.2; 1: plant"),
+        (["{swept}#std=0.2"], "has no variant 'std=0.2'; it has 0: plant.process_noise.std=0.2"),
+        (
+            ["{swept}", "--by", "colour"],
+            "can be taken apart by node, method, variant, plant.process_noise.std",
+        ),
+        (["{calm}", "--by", "plant.process_noise.std"], "can be taken apart by node, method, variant"),
+        (["{grid}", "--by", "seed"], "fix it as in '{grid}#plant.process_noise.std=VALUE'"),
+        (["nowhere#0"], "nowhere holds no run and no campaign"),
+    ],
+)
+def test_what_no_campaign_holds_is_refused_alike_wherever_it_is_named(
+    gauntlet: Command, swept: Path, calm: Path, grid: Path, command: str, arguments: list[str], cure: str
+) -> None:
+    places = {"swept": swept, "calm": calm, "grid": grid}
+    answer = gauntlet(command, *(part.format(**places) for part in arguments))
+    assert answer.code == 2
+    assert cure.format(**places) in answer.err
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from orchestrator.report.export import find_browser
-from tests.orchestrator.command_line.conftest import Command
+from tests.orchestrator.command_line.conftest import ROOT, Command
 
 pytest.importorskip("plotly", reason="reports are an extra")
 pytest.importorskip("jinja2", reason="reports are an extra")
@@ -32,6 +33,36 @@ def test_a_run_is_reported_from_its_directory_or_its_log(
     assert "<strong>PASSED</strong>" in text
 
 
+def test_the_head_of_a_report_tells_how_much_of_a_run_is_there(
+    gauntlet: Command, home: Path, finished_run: Path, cut_off: tuple[Path, int]
+) -> None:
+    log, steps = cut_off
+    there = f"{steps} of 24 steps"
+    assert gauntlet("report", log).code == 0
+    head = _head(home / "report.html")
+    assert f"INCOMPLETE {there} recorded, {3 * (24 - steps)} estimates missing; as far as they go, " in head
+    assert f"Steps recorded {steps} of 24 {24 - steps} missing" in head
+    whole = (home / "report.html").read_text()
+    assert f"cut off; gauntlet log recover makes it whole; {there}" in whole
+    assert gauntlet("report", log, "--by", "node").code == 0
+    head = _head(home / "report.html")
+    assert "INCOMPLETE All that was expected held in 0 of 1 trials" in head
+    assert f"The record of small is incomplete, {there} recorded: its figures are those of what is" in head
+    assert gauntlet("report", log, finished_run).code == 0
+    head = _head(home / "report.html")
+    assert f"The record of small (cut.mcap) is incomplete, {there} recorded" in head
+    assert "smallest RMSE" not in head
+    assert gauntlet("report", finished_run).code == 0
+    assert "recorded" not in _head(home / "report.html")
+
+
+def _head(page: Path) -> str:
+    """Return the text of a page down to its first section, in which spaces stand for tags."""
+    text = page.read_text()
+    part = text[text.index("<h1>") : text.index("<nav")]
+    return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", part)).split())
+
+
 def test_json_tells_what_was_written(gauntlet: Command, home: Path, finished_run: Path) -> None:
     answer = gauntlet("report", finished_run, "--json")
     size = (home / "report.html").stat().st_size
@@ -52,6 +83,28 @@ def test_a_place_that_cannot_be_written_is_bad_input(
     answer = gauntlet("report", finished_run, "--out", "file/report.html")
     assert answer.code == 2
     assert "file/report.html cannot be written" in answer.err
+
+
+@pytest.mark.parametrize("command", ["report", "reproduce"])
+@pytest.mark.parametrize("form", ["svg", "png"])
+def test_a_kind_of_picture_without_pictures_is_refused_with_the_cure(
+    gauntlet: Command, home: Path, finished_run: Path, command: str, form: str
+) -> None:
+    given = {"report": finished_run, "reproduce": ROOT / "topologies/ding2021"}[command]
+    answer = gauntlet(command, given, "--format", form, "--out", "out")
+    assert answer.code == 2
+    assert f"--format {form} is the kind of picture that --figures writes" in answer.err
+    assert "add --figures DIR" in answer.err
+    assert not (home / "out").exists()
+
+
+def test_pictures_of_pages_that_are_not_written_are_refused_with_the_cure(
+    gauntlet: Command, home: Path
+) -> None:
+    answer = gauntlet("reproduce", ROOT / "topologies/ding2021", "--no-reports", "--figures", "pictures")
+    assert answer.code == 2
+    assert "leave out --no-reports, or --figures" in answer.err
+    assert list(home.iterdir()) == [home / "small.yaml"], "no campaign was begun"
 
 
 @pytest.mark.parametrize("library", ["plotly.offline", "jinja2"])

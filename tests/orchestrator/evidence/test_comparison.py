@@ -134,7 +134,8 @@ def test_trials_of_other_numbers_are_compared_unpaired_and_said_so() -> None:
     found = compare([one, other], ["rmse.state"])
     assert not found.compared[0].difference.paired
     assert found.compared[0].verdict is Verdict.FIRST
-    assert "unpaired" in lines(found)[0]
+    assert "30 and 30 trials, unpaired, since fewer than two have seed and trial in common" in lines(found)[0]
+    assert facts(found)["comparisons"][0]["paired"] is False
 
 
 def test_a_sentence_tells_the_numbers() -> None:

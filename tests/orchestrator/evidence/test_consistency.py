@@ -130,6 +130,15 @@ def test_autocorrelation_is_the_time_average_of_its_definition() -> None:
     assert found.bound[1] == pytest.approx(stats.norm.ppf(0.975) / np.sqrt(106))
 
 
+def test_a_spread_so_large_that_nothing_could_be_too_careful_gives_no_verdict() -> None:
+    figures = np.array([[1.0], [1.1], [0.9], [1e17]])
+    found = overall_by_trial(figures, np.ones(figures.shape, dtype=np.int64))
+    assert found.low < 0.0 < found.ratio < found.high
+    assert found.judgement == "unknown"
+    same = overall_by_trial(figures[:3], np.ones((3, 1), dtype=np.int64))
+    assert same.judgement == "consistent"
+
+
 def test_one_trial_gives_no_verdict_on_nees_and_nothing_gives_nothing() -> None:
     assert overall_by_trial(np.ones((1, 9)), np.ones((1, 9), dtype=np.int64)).judgement == "unknown"
     assert (

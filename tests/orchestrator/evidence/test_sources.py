@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+import json
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from orchestrator.errors import InputError
+from orchestrator.evidence.chosen import choose
 from orchestrator.evidence.rows import trial_rows
-from orchestrator.evidence.sources import load_source
+from orchestrator.evidence.sources import Source, load_source
 from orchestrator.evidence.table import schema, table
 
 
@@ -19,6 +24,28 @@ def test_a_log_alone_is_a_source_with_its_topology(run):
     source = load_source(run.directory / "run.mcap")
     (document,) = source.documents
     assert document["estimators"]["lone"]["method"] == "kalman"
+
+
+def test_each_of_very_many_variants_has_its_own_topology(tmp_path):
+    (tmp_path / "topologies").mkdir()
+    for number in (0, 101, 1000):
+        (tmp_path / "topologies" / f"variant-{number:03d}.yaml").write_text(f"steps: {number}\n")
+    source = Source("campaign", "many", tmp_path, {"variants": [{"steps": str(i)} for i in range(1001)]})
+    assert [source.document(number)["steps"] for number in (0, 101, 1000)] == [0, 101, 1000]
+    with pytest.raises(InputError, match=r"variant-007.yaml is missing.*\n?.* again with another --out"):
+        source.document(7)
+
+
+def test_a_choice_of_variants_is_read_with_the_commas_of_its_values(tmp_path):
+    values = ["[1.0, 2.0]", "[1.0, 3.0]"]
+    variants = [{"plant.A": value, "steps": steps} for value in values for steps in ("5", "6")]
+    facts = {"name": "many", "variants": variants}
+    (tmp_path / "campaign.json").write_text(json.dumps(facts))
+    pq.write_table(pa.table({"variant": [0, 1, 2, 3]}), tmp_path / "results.parquet")
+    for choice, numbers in (("plant.A=[1.0, 3.0]", [2, 3]), ("plant.A=[1.0, 3.0],steps=6", [3]), ("1", [1])):
+        assert list(choose(f"{tmp_path}#{choice}").variants) == numbers
+    with pytest.raises(InputError, match=r"has no variant .steps=7.; it has 0: plant\.A="):
+        choose(f"{tmp_path}#steps=7")
 
 
 def test_what_holds_no_evidence_is_refused_with_the_cure(tmp_path):

@@ -14,12 +14,30 @@ from orchestrator.report.contents import Figure, Page, Section, Table, Text, Til
 from orchestrator.report.lines import band, line
 from orchestrator.report.making import page_for
 from orchestrator.report.page import html, write_page
+from orchestrator.report.run_report import verdict_table
 from orchestrator.report.tracking import lines_range
+from orchestrator.run import run_topology
+from orchestrator.run_directory import make_run_directory
+from orchestrator.topology.load import load_topology
+from tests.orchestrator.report.conftest import ATTACKED
+from tests.playing import scored
 
 pytest.importorskip("plotly", reason="reports are an extra")
 pytest.importorskip("jinja2", reason="reports are an extra")
 
 LARGEST_BYTES = 12_000_000
+ALONE = """
+name: alone
+steps: 20
+period_s: 0.1
+plant: {model: linear, A: [[0.9]], process_noise: {std: 0.1}, initial: {std: 1.0}}
+sensors: {s1..s4: {model: linear, C: [[1.0]], noise: {std: 0.1}}}
+estimators:
+  e1: {method: kalman, sensors: [s1]}
+  e2: {method: kalman, sensors: [s2]}
+  e3: {method: kalman, sensors: [s3]}
+  e4: {method: kalman, sensors: [s4]}
+"""
 VOID = {"meta", "link", "br", "input", "img", "hr"}
 
 
@@ -83,6 +101,16 @@ def test_the_page_tells_verdict_failed_expectation_and_origin(text: str) -> None
         assert fact in text
 
 
+def test_an_expectation_tells_where_it_was_held_and_of_how_many_that_was_the_worst(tmp_path: Path) -> None:
+    (tmp_path / "attacked.yaml").write_text(ATTACKED)
+    expect = "{rmse.position: {at_most: 9}, packets.attacked: 18, attack.rmse: {node: e1, at_most: 1}}"
+    topology = load_topology(tmp_path / "attacked.yaml", [f"expect={expect}"])
+    where = {row[1]: row[-1] for row in verdict_table(scored(topology)).rows}
+    assert re.fullmatch(r"(e[123]|lone), worst of 4", where["rmse.position"])
+    assert where["packets.attacked"] == "all links"
+    assert where["attack.rmse"].startswith("undefined for e1, ")
+
+
 @pytest.fixture(scope="module")
 def page(attacked_run: Path) -> Page:
     return page_for([attacked_run])
@@ -97,6 +125,24 @@ def test_every_part_that_a_run_has_is_there(page: Page) -> None:
         *("network", "tracking", "errors", "disagreement", "consistency-summary", "consistency"),
         *("detection", "roc", "traffic", "links"),
     ]
+
+
+def test_estimators_that_are_each_alone_are_called_no_network(page: Page, tmp_path: Path) -> None:
+    def disagreement(page: Page) -> Figure:
+        return next(own for own in page.figures if own.name == "disagreement")
+
+    assert disagreement(page).text.endswith(
+        "of each network, or of estimators of one method that are each alone."
+    )
+    assert [trace["name"] for trace in disagreement(page).initial.traces] == ["e1 to e3"]
+    (tmp_path / "alone.yaml").write_text(ALONE)
+    topology = load_topology(tmp_path / "alone.yaml")
+    directory = make_run_directory(tmp_path / "out", "alone", 1)
+    run_topology(topology, directory, "inprocess", lambda recorded: None)
+    alone = page_for([directory])
+    assert alone.headline == "The estimators e1..e4, each alone, kept tracking; nothing was expected of it."
+    assert disagreement(alone).text.endswith("the estimators of one method, each of them alone.")
+    assert [trace["name"] for trace in disagreement(alone).initial.traces] == ["e1 to e4, each alone"]
 
 
 def test_the_same_run_gives_the_same_bytes(attacked_run: Path, run_file: Path, tmp_path: Path) -> None:
@@ -162,11 +208,6 @@ def test_a_band_that_would_hide_the_lines_is_cut_and_others_are_not() -> None:
 
 @pytest.mark.slow
 def test_a_long_run_makes_a_small_page_that_says_what_was_thinned(tmp_path: Path) -> None:
-    from orchestrator.run import run_topology
-    from orchestrator.run_directory import make_run_directory
-    from orchestrator.topology.load import load_topology
-    from tests.orchestrator.report.conftest import ATTACKED
-
     (tmp_path / "long.yaml").write_text(ATTACKED)
     topology = load_topology(tmp_path / "long.yaml", ["steps=8000", "expect=null"])
     directory = make_run_directory(tmp_path / "out", "long", 7)

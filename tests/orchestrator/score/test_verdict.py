@@ -8,9 +8,10 @@ import pytest
 from rich.console import Console
 
 from orchestrator.score.expectation import Expectation
+from orchestrator.score.headline import headline
 from orchestrator.score.results import ScoreOptions
 from orchestrator.score.scoring import score
-from orchestrator.score.verdict import headline, print_verdict
+from orchestrator.score.verdict import print_verdict
 
 GROUPS = {"position": [0], "velocity": [1], "acceleration": [2]}
 EXPECTATIONS = [
@@ -41,6 +42,31 @@ def test_a_network_that_held_is_said_to_have_kept_tracking(make_network):
     )
 
 
+@pytest.mark.parametrize(
+    ("names", "subject"),
+    [
+        (("e1", "e2", "e3", "e4"), "the estimators e1..e4, each alone,"),
+        (("e1", "e2"), "the estimators e1 and e2, each alone,"),
+        (("e1", "e3", "e4"), "the estimators e1, e3 and e4, each alone,"),
+        (("bold", "shy", "wise", "odd"), "all 4 estimators, each alone,"),
+        (("e9", "e10", "e11", "e12"), "the estimators e9..e12, each alone,"),
+    ],
+)
+def test_estimators_that_exchange_nothing_are_called_no_network(make_plan, recorder, names, subject):
+    for step in range(10):
+        recorder.truth(step, [0.0])
+        for name in names:
+            recorder.inbox(name, step, [("s1", step)])
+            recorder.estimate(name, step, [1.0])
+        recorder.channel(step, events=[])
+    alone = score(make_plan(10, {name: ["s1"] for name in names}), recorder.records, state_groups={})
+    assert len(alone.networks) == 1, "they are compared with one another all the same"
+    assert headline(alone) == f"DONE: {subject} kept tracking; nothing was expected of it."
+    ring = {name: [names[i - 1]] for i, name in enumerate(names)}
+    plan = make_plan(10, {name: ["s1"] for name in names}, ring)
+    assert headline(score(plan, recorder.records, state_groups={})).startswith("DONE: the network kept")
+
+
 def test_a_failure_names_the_metric_and_what_became_of_the_estimators(make_network):
     result = scored(make_network(deaf=["e4"], diverging={"e7": 31}))
     assert headline(result) == (
@@ -58,7 +84,7 @@ def test_a_record_cut_off_before_the_first_scored_step_is_no_tracking(make_netwo
     run = make_network()
     records = [record for record in run.records() if record[1].step < 5]
     result = score(run.plan(), records, state_groups=GROUPS, options=ScoreOptions(from_step=10))
-    assert headline(result).endswith("as far as it goes, no estimate was scored.")
+    assert headline(result).endswith("as far as they go, no estimate was scored.")
 
 
 def test_only_estimators_that_are_there_to_the_end_are_said_to_track(make_plan, recorder):
@@ -80,7 +106,7 @@ def test_an_incomplete_record_is_said_to_be_so(make_network):
     records = [record for record in run.records() if record[1].step < 149]
     result = score(run.plan(), records, state_groups=GROUPS, expectations=EXPECTATIONS)
     assert headline(result).startswith(
-        "INCOMPLETE: 20 estimates missing from the record; as far as it goes, "
+        "INCOMPLETE: 149 of 150 steps recorded, 20 estimates missing; as far as they go, "
     )
 
 

@@ -1,0 +1,160 @@
+"""From sources to the groups that a page tells apart: which estimators belong together, and their names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from orchestrator.evidence.chosen import Chosen, told_apart
+from orchestrator.evidence.columns import ColumnError, Rows, select
+from orchestrator.evidence.sources import RESULTS
+from orchestrator.report.errors import ReportError
+from orchestrator.report.groups import Group, described
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+MOST = 40
+"""Most groups that a page tells of."""
+
+_KEYS = ("variant", "trial", "seed", "node", "method", "status")
+_EVENTS = ("packet.", "window.")
+
+PACKETS = 4_000_000
+"""Most judged packets that are read."""
+
+
+def find_groups(chosen: Sequence[Chosen], by: str | None, notes: list[str]) -> list[Group]:
+    """Return the groups of what was chosen, in their order.
+
+    ``by`` says what estimators of a variant make a group: each alone (``node``), those of one ``method``, or
+    all (``variant``, or the path that tells the variants apart). By default it is those that differ in
+    nothing but what they hear.
+
+    Raises
+    ------
+    InputError
+        Nothing was scored, or the variants cannot be taken apart ``by`` that.
+    """
+    paths = list(dict.fromkeys(str(own.source.path) for own in chosen))
+    names = [next(own.source.name for own in chosen if str(own.source.path) == path) for path in paths]
+    titles = dict(zip(paths, told_apart(names, paths), strict=True)) if len(paths) > 1 else {}
+    if by not in ("node", "method", None):
+        for own in chosen:
+            own.check_by(by)
+    found = [
+        group
+        for number, own in enumerate(chosen)
+        for group in _groups_of(own, number, titles.get(str(own.source.path), ""), by, notes)
+    ]
+    if not found:
+        path = chosen[0].source.path
+        raise ReportError(f"{path} holds no trial that was scored: there is nothing to report")
+    if len(found) > MOST:
+        notes.append(f"{MOST} of {len(found)} groups of estimators are reported, the first of them.")
+        found = found[:MOST]
+    called = [group.name for group in found]
+    return [
+        group if called.count(group.name) == 1 else replace(group, name=f"{group.name} [{number}]")
+        for number, group in enumerate(found, start=1)
+    ]
+
+
+def _groups_of(chosen: Chosen, number: int, title: str, by: str | None, notes: list[str]) -> list[Group]:
+    source = chosen.source
+    table = source.read(lambda name: not name.startswith("packet."), chosen.variants)
+    judged, found = _judged(chosen, notes), []
+    for variant, settings in chosen.variants.items():
+        try:
+            whole = select(table, variant=variant)
+        except ColumnError:
+            continue
+        document = source.document(variant)
+        parts = _parts(whole, document, by)
+        for part, nodes in parts.items():
+            words = (title, *described(settings).values())
+            rows = select(table, variant=variant, nodes=nodes)
+            found.append(
+                Group(
+                    name=", ".join(filter(None, (*words, part if len(parts) > 1 or not any(words) else ""))),
+                    title=title,
+                    settings=settings,
+                    part=part,
+                    variant=(number, variant),
+                    rows=rows,
+                    judged=select(judged, variant=variant, nodes=nodes),
+                    nodes=nodes,
+                    attacked=_attacked(rows),
+                    document=document,
+                )
+            )
+    return found
+
+
+def _judged(chosen: Chosen, notes: list[str]) -> pa.Table:
+    """Return the rows with their judged packets: of the first trials only, where these are very many."""
+    source = chosen.source
+    if source.kind == "run":
+        return source.table
+    import pyarrow.parquet as pq
+
+    file = source.path / RESULTS
+    held = pq.ParquetFile(file)
+    names = [name for name in held.schema_arrow.names if name in _KEYS or name.startswith(_EVENTS)]
+    packets = _packets(held.metadata, chosen)
+    some = ("variant", "in", sorted(chosen.variants))
+    if packets <= PACKETS:
+        return pq.read_table(file, columns=names, filters=[some])
+    first, trials = int(source.provenance["first_trial"]), int(source.provenance["trials"])
+    most = max(2, trials * PACKETS // packets)
+    notes.append(
+        f"Detection is told of the first {most} of {trials} trials: {packets:,} packets were judged."
+    )
+    return pq.read_table(file, columns=names, filters=[some, ("trial", "<", first + most)])
+
+
+def _packets(held: pq.FileMetaData, chosen: Chosen) -> int:
+    """Return how many judged packets the parts of a results file hold in which the chosen variants stand."""
+    found = 0
+    for group in (held.row_group(i) for i in range(held.num_row_groups)):
+        columns = {group.column(i).path_in_schema: group.column(i) for i in range(group.num_columns)}
+        span = columns["variant"].statistics
+        if span is None or any(span.min <= variant <= span.max for variant in chosen.variants):
+            found += sum(own.num_values for path, own in columns.items() if path.startswith("packet.step"))
+    return found
+
+
+def _parts(rows: Rows, document: Mapping[str, Any], by: str | None) -> dict[str, list[str]]:
+    """Return the estimators of a variant that belong together, under a name for each."""
+    method = dict(zip(rows.text("node"), rows.text("method"), strict=True))
+    privileged = rows.privileged
+    if by == "node":
+        return {f"{node} PRIVILEGED" if node in privileged else node: [node] for node in method}
+    if by not in ("method", None):
+        return {"all estimators": list(method)}
+    parts: dict[tuple[str, str], list[str]] = {}
+    for node, kind in method.items():
+        own = f"{kind} PRIVILEGED" if node in privileged else kind
+        stated = (document.get("estimators") or {}).get(node) or {}
+        differs = {key: value for key, value in stated.items() if key not in ("sensors", "weights")}
+        key = own, "" if by == "method" else repr(sorted(differs.items(), key=lambda item: item[0]))
+        parts.setdefault(key, []).append(node)
+    methods = [own for own, _ in parts]
+    return {
+        own if methods.count(own) == 1 else f"{own} {_span(nodes)}": nodes
+        for (own, _), nodes in parts.items()
+    }
+
+
+def _span(nodes: Sequence[str]) -> str:
+    return nodes[0] if len(nodes) == 1 else f"{nodes[0]} to {nodes[-1]}"
+
+
+def _attacked(rows: Rows) -> tuple[str, ...]:
+    hit = np.nansum(rows.series("attacked"), axis=1) > 0
+    nodes = rows.text("node")
+    return tuple(dict.fromkeys(node for node, own in zip(nodes, hit, strict=True) if own))
