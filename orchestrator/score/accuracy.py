@@ -47,6 +47,13 @@ def root_mean_square(values: Floats, keep: Bools, axis: int) -> Floats:
     return mean
 
 
+def _last_known(values: Floats, keep: Bools) -> Floats:
+    """Return the last value of each row (N, K) that is kept and known; NaN where there is none."""
+    known = keep & ~np.isnan(values)
+    last = known.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1)
+    return np.where(known.any(axis=1), values[np.arange(len(values)), last], np.nan)
+
+
 def find_errors(estimates: Estimates, state_groups: Mapping[str, Sequence[int]], bound: float) -> Errors:
     """Return the Euclidean error norms of each group and of ``state``, all of it.
 
@@ -82,10 +89,11 @@ def group_errors(errors: Errors, counted: Bools, attacked: Bools) -> list[dict[s
         hit = root_mean_square(norm, counted & attacked, axis=1)
         spared = root_mean_square(norm, counted & ~attacked, axis=1)
         peak = np.max(norm, axis=1, initial=-np.inf, where=counted & ~np.isnan(norm))
+        final = _last_known(norm, np.broadcast_to(counted, norm.shape))
         for i, step in enumerate(errors.divergence_step):
-            figures = (whole[i], hit[i], spared[i], peak[i]) if step < 0 else (np.nan,) * 4
-            rmse, on, off, most = numbers(figures)
-            nodes[i][group] = GroupError(rmse=rmse, attacked=on, unattacked=off, peak=most)
+            figures = (whole[i], hit[i], spared[i], peak[i], final[i]) if step < 0 else (np.nan,) * 5
+            rmse, on, off, most, last = numbers(figures)
+            nodes[i][group] = GroupError(rmse=rmse, attacked=on, unattacked=off, peak=most, final=last)
     return nodes
 
 
