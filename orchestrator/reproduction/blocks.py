@@ -13,7 +13,7 @@ from orchestrator.report.contents import Block, Figure, Link, Mark, Table, Text,
 from orchestrator.report.group_pieces import band_traces
 from orchestrator.report.lines import line, log_axis, step_axis, value_axis
 from orchestrator.report.palette import series_style
-from orchestrator.reproduction.claims import Entry, Points, Value
+from orchestrator.reproduction.claims import CALIBRATION_ERROR, Entry, Points, Value
 from orchestrator.reproduction.judging import Word, word_on
 from orchestrator.reproduction.measuring import Found, Results, number, over_what_varies, series
 from orchestrator.score.gather import Floats
@@ -159,4 +159,6 @@ def _points_table(entry: Entry, at: Sequence[tuple[Floats, list[Found]]]) -> Tab
 
 
 def _statistic(part: Points | Value) -> str:
+    if part.statistic == CALIBRATION_ERROR:
+        return "of all together"
     return f"share above {part.above:g}" if part.statistic == "share" else part.statistic
