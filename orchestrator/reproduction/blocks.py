@@ -29,6 +29,10 @@ TONES = {
 }
 
 
+_SIDES = ("value", "low", "high")
+"""A number and the ends of its interval."""
+
+
 def run_page_name(entry: Entry) -> str:
     """Return the file, in its campaign's directory, of the report on an entry's single trial."""
     assert entry.run is not None
@@ -116,9 +120,7 @@ def _points_figure(entry: Entry, name: str, at: Sequence[tuple[Floats, list[Foun
     traces: list[Trace] = []
     for i, (part, (x, found)) in enumerate(zip(entry.points, at, strict=True)):
         style = series_style(i)
-        values, low, high = (
-            np.array([getattr(own.number, side) for own in found]) for side in ("value", "low", "high")
-        )
+        values, low, high = (np.array([getattr(own.number, side) for own in found]) for side in _SIDES)
         bars = {
             "type": "data",
             "symmetric": False,
@@ -131,7 +133,7 @@ def _points_figure(entry: Entry, name: str, at: Sequence[tuple[Floats, list[Foun
             x, values, part.label, style["color"], dash=style["dash"], error_y=bars, hovertemplate="%{y:.4g}"
         )
         traces.append({**drawn, "mode": "lines+markers", "marker": {"color": style["color"], "size": 7}})
-    heights = [np.array([own.number.value for own in found]) for _, found in at]
+    heights = [np.array([getattr(own.number, side) for own in found]) for _, found in at for side in _SIDES]
     x_title = entry.x_title or (entry.points[0].setting or "")
     x_axis = log_axis(x_title, [x for x, _ in at]) if entry.log_x else value_axis(x_title)
     return Figure(

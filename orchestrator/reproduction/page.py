@@ -60,9 +60,12 @@ def _absent(entry: Entry, listing: Listing) -> str:
 
 
 def _headline(words: Counter[Word], shown: int, failed: int) -> str:
+    """Return in a sentence what there is, and how much of the paper holds, where it is set beside."""
     same, other = (sum(words[word] for word in of) for of in (_SAME, _OTHER))
-    told = f"{shown} figures, tables and claims regenerated. Of what the paper says in numbers or words, "
-    told += f"{same} {'holds' if same == 1 else 'hold'} here and {other} {'does' if other == 1 else 'do'} not"
+    told = f"{shown} figures, tables and claims regenerated"
+    if same + other + words[Word.OPEN]:
+        told += f". Of what the paper says in numbers or words, {same} {'holds' if same == 1 else 'hold'}"
+        told += f" here and {other} {'does' if other == 1 else 'do'} not"
     told += f"; {words[Word.OPEN]} would need more trials" if words[Word.OPEN] else ""
     return told + (f"; {failed} trials came to no score." if failed else ".")
 
