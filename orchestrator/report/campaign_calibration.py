@@ -30,7 +30,7 @@ def calibrations(groups: Sequence[Group]) -> dict[str, Calibration]:
 def calibration_blocks(groups: Sequence[Group]) -> list[Block]:
     """Return the table and the diagram of all groups that announce probabilities; nothing where none does."""
     found = calibrations(groups)
-    return [_table(found), _diagram(found)] if found else []
+    return [_table(found), reliability_diagram(found)] if found else []
 
 
 def _table(found: Mapping[str, Calibration]) -> Table:
@@ -55,14 +55,15 @@ def _verdict(own: Calibration) -> Mark:
     return Mark("miscalibrated", "bad") if own.error.low > 0.0 else Mark("calibrated", "good")
 
 
-def _diagram(found: Mapping[str, Calibration]) -> Figure:
+def reliability_diagram(found: Mapping[str, Calibration], name: str = "calibration") -> Figure:
+    """Return the frequency of attacks over their announced probability, and how often each was announced."""
     whole = np.array([0.0, 1.0])
     traces: list[Trace] = [line(whole, whole, "calibrated", "$line", dash="dash", hoverinfo="skip")]
-    for number, (name, own) in enumerate(found.items()):
-        traces += _of_group(own, name, number)
+    for number, (group, own) in enumerate(found.items()):
+        traces += _of_group(own, group, number)
     span = [-_ROOM, 1.0 + _ROOM]
     return Figure(
-        name="calibration",
+        name=name,
         title="Announced probability against frequency",
         views={(): View(traces)},
         layout={

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from orchestrator.report.campaign_calibration import reliability_diagram
 from orchestrator.report.campaign_tables import figure as as_text
 from orchestrator.report.campaign_tables import interval
 from orchestrator.report.contents import Block, Figure, Link, Mark, Table, Text, Trace, View
@@ -15,7 +16,14 @@ from orchestrator.report.lines import line, log_axis, step_axis, value_axis
 from orchestrator.report.palette import series_style
 from orchestrator.reproduction.claims import CALIBRATION_ERROR, Entry, Points, Value
 from orchestrator.reproduction.judging import Word, word_on
-from orchestrator.reproduction.measuring import Found, Results, number, over_what_varies, series
+from orchestrator.reproduction.measuring import (
+    Found,
+    Results,
+    calibration_of,
+    number,
+    over_what_varies,
+    series,
+)
 from orchestrator.score.gather import Floats
 
 TONES = {
@@ -44,6 +52,13 @@ def blocks_of(entry: Entry, name: str, results: Results, words: Counter[Word]) -
     blocks: list[Block] = []
     if entry.values:
         blocks.append(_value_table(entry, results, words))
+    announced = {
+        value.label: calibration_of(results, value)
+        for value in entry.values
+        if value.statistic == CALIBRATION_ERROR
+    }
+    if announced:
+        blocks.append(reliability_diagram(announced, f"{name}-reliability"))
     if entry.curves:
         blocks.append(_curves(entry, name, results))
     if entry.points:

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from orchestrator.campaign.summary import median_interval
 from orchestrator.evidence.bootstrap import Band, bootstrap, pooled, root_mean_square
-from orchestrator.evidence.calibration import HAPPENED, STATED, attack_calibration
+from orchestrator.evidence.calibration import HAPPENED, STATED, Calibration, attack_calibration
 from orchestrator.evidence.columns import Rows, select
 from orchestrator.evidence.figures import mean_curve, rmse_curve
 from orchestrator.evidence.intervals import Interval, only, share
@@ -87,11 +87,15 @@ def number(results: Results, value: Value) -> Found:
 
 def _found(results: Results, part: Value | Points) -> Found:
     """Return the statistic of a metric in the place that a part names."""
-    rows = results.rows(part)
     if part.statistic == CALIBRATION_ERROR:
-        told = attack_calibration(rows, results.from_step(part))
+        told = calibration_of(results, part)
         return Found(told.error, _NOWHERE, told.trials)
-    return over_trials(by_trial(rows, part.metric), part.statistic, part.above)
+    return over_trials(by_trial(results.rows(part), part.metric), part.statistic, part.above)
+
+
+def calibration_of(results: Results, part: Value | Points) -> Calibration:
+    """Return what came true of the probabilities of attack that the estimators of a part announced."""
+    return attack_calibration(results.rows(part), results.from_step(part))
 
 
 def over_trials(values: Floats, statistic: Statistic, above: float = 0.0) -> Found:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from orchestrator.campaign.sweep import sweep
 from orchestrator.command_line.campaign_output import QuietProgress
 from orchestrator.evidence.calibration import attack_calibration
 from orchestrator.evidence.columns import select
+from orchestrator.report.contents import Figure
+from orchestrator.reproduction.blocks import blocks_of
 from orchestrator.reproduction.claims import Value
 from orchestrator.reproduction.errors import ReproduceError
 from orchestrator.reproduction.judging import Word, word_on
@@ -48,6 +52,11 @@ def test_it_is_that_of_the_evidence_from_the_first_step_that_counts_on(tmp_path:
     assert (found.number, found.trials) == (expected["e1"], 4)
     assert word_on(entry.values[0], found) is Word.HOLDS
     assert word_on(Value(label="x", paper=0.9), found) is Word.DIFFERS, "no single trial has such a value"
+    _, figure, *_ = blocks_of(entry, "own", results, Counter())
+    assert isinstance(figure, Figure)
+    assert figure.name == "own-reliability"
+    own = attack_calibration(select(table, variant=0, nodes=["e1"]), 10)
+    np.testing.assert_array_equal(figure.initial.traces[1]["y"], own.frequency.value[own.count > 0])
     _, points = over_what_varies(results, entry.points[0])
     assert [point.number for point in points] == [expected["e1"], expected["e2"]]
 
