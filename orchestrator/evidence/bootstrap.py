@@ -60,15 +60,20 @@ def bootstrap(
     if trials < 2:
         unknown = np.full(value.shape, np.nan)
         return Band(value, unknown, unknown.copy())
-    rng = random_stream(seed, 0, "evidence", "bootstrap")
-    counts = rng.multinomial(trials, np.full(trials, 1.0 / trials), resamples)
-    drawn = _ask(statistic, counts.astype(np.float64))
+    drawn = resampled(statistic, trials, resamples=resamples, seed=seed)
     left_out = _ask(statistic, 1.0 - np.eye(trials))
     low, high = (
         _quantiles(drawn, _adjusted(value, drawn, left_out, share))
         for share in ((1.0 - confidence) / 2.0, (1.0 + confidence) / 2.0)
     )
     return Band(value, np.where(np.isnan(value), np.nan, low), np.where(np.isnan(value), np.nan, high))
+
+
+def resampled(statistic: Statistic, trials: int, *, resamples: int = RESAMPLES, seed: int = 0) -> Floats:
+    """Return a statistic (resamples, K) of as many trials, drawn from those there are with replacement."""
+    rng = random_stream(seed, 0, "evidence", "bootstrap")
+    counts = rng.multinomial(trials, np.full(trials, 1.0 / trials), resamples)
+    return _ask(statistic, counts.astype(np.float64))
 
 
 def _ask(statistic: Statistic, weights: Floats) -> Floats:

@@ -32,6 +32,7 @@ _FAMILIES = {
     "rmse_attacked": Meaning(Better.LESS, "rms"),
     "rmse_unattacked": Meaning(Better.LESS, "rms"),
     "peak": Meaning(Better.LESS, "max"),
+    "final": Meaning(Better.LESS, "rms"),
     "disagreement": Meaning(Better.LESS, "rms"),
     "divergences": Meaning(Better.LESS, "sum"),
     "missing_estimates": Meaning(Better.LESS, "sum"),

@@ -163,6 +163,7 @@ def _of_signal_attacks(beliefs: AttackBeliefs, i: int) -> Row:
     """Return what estimator i said of each step's signal attack: its probability, the error of its signal.
 
     The error is that of the estimate given that there is an attack, in the steps in which there was one.
+    Beside it stands whether there was one: None where its truth is missing.
     """
     about = beliefs.about[i]
     said = np.flatnonzero(about >= 0)
@@ -172,7 +173,11 @@ def _of_signal_attacks(beliefs: AttackBeliefs, i: int) -> Row:
         at = about[said]
         apart = np.linalg.norm(beliefs.value[i, said] - beliefs.signal[at], axis=1)
         error[at] = np.where(beliefs.on[at], apart, np.nan)
-    return {"attack_probability": probability, "attack_error": error}
+    on: np.ndarray[Any, Any] = beliefs.on
+    if not beliefs.known.all():
+        on = on.astype(object)
+        on[~beliefs.known] = None
+    return {"attack_on": on, "attack_probability": probability, "attack_error": error}
 
 
 def _derived(derived: Derived, i: int, groups: Mapping[str, Sequence[int]]) -> Row:

@@ -58,7 +58,7 @@ def columns(groups: Collection[str], swept: Sequence[str] = ()) -> dict[str, str
     steps = {f"error.{group}": "float64" for group in sorted({*groups, "state"})}
     steps |= {"nees": "float64", "nis": "float64", "nis_dof": "int32", "attacked": "bool"}
     steps |= {"disagreement_by_step": "float64", "sent": "int32", "innovation": "float64"}
-    steps |= {"attack_probability": "float64", "attack_error": "float64"}
+    steps |= {"attack_on": "bool", "attack_probability": "float64", "attack_error": "float64"}
     steps |= {f"pcrb.{group}": "float64" for group in sorted({*groups, "state"})}
     return {
         **dict(_KEYS),

@@ -12,6 +12,7 @@ from orchestrator.evidence.comparability import different_ground
 from orchestrator.evidence.comparison import Comparison
 from orchestrator.evidence.detectors import Detection
 from orchestrator.evidence.figures import rmse
+from orchestrator.report.campaign_calibration import calibration_blocks
 from orchestrator.report.campaign_consistency import consistency_curves
 from orchestrator.report.campaign_detection import detections, operating_figure, roc_curves, survival_figure
 from orchestrator.report.campaign_errors import error_curves, outcome_figure, trial_spread
@@ -33,9 +34,14 @@ from orchestrator.report.groups import Group, Outcomes, state_names
 from orchestrator.report.swept import swept_figure
 
 
-def _detection_blocks(found: Mapping[str, Detection]) -> list[Block]:
+def _detection_blocks(groups: Sequence[Group]) -> list[Block]:
+    found = detections(groups)
+    return [*_packet_blocks(found), *calibration_blocks(groups)]
+
+
+def _packet_blocks(found: Mapping[str, Detection]) -> list[Block]:
     if not found:
-        return [Text("No estimator judged any packet: there is no detector to report on.")]
+        return [Text("No estimator judged any packet: there is no detector of packets to report on.")]
     figures = [roc_curves(found), survival_figure(found), operating_figure(found)]
     blocks: list[Block] = [detection_table(found), *(own for own in figures if own)]
     if figures[0] is None:
@@ -89,7 +95,7 @@ def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
         Section("variants-section", "Variants", _variant_blocks(groups, chosen)),
         Section("errors-section", "Errors", _error_blocks(groups, by, notes)),
         Section("consistency-section", "Consistency", _consistency_blocks(groups, notes)),
-        Section("detection-section", "Detection", _detection_blocks(detections(groups))),
+        Section("detection-section", "Detection", _detection_blocks(groups)),
         Section("communication-section", "Communication", _communication_blocks(groups)),
         Section("origin-section", "Provenance", _origin_tables(chosen)),
     ]

@@ -7,14 +7,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from orchestrator.report.campaign_calibration import reliability_diagram
 from orchestrator.report.campaign_tables import figure as as_text
 from orchestrator.report.campaign_tables import interval
 from orchestrator.report.contents import Block, Figure, Link, Mark, Table, Text, Trace, View
 from orchestrator.report.group_pieces import band_traces, points_trace
 from orchestrator.report.lines import log_axis, step_axis, value_axis
-from orchestrator.reproduction.claims import Entry, Points, Value
+from orchestrator.reproduction.claims import CALIBRATION_ERROR, Entry, Points, Value
 from orchestrator.reproduction.judging import Word, word_on
-from orchestrator.reproduction.measuring import Found, Results, number, over_what_varies, series
+from orchestrator.reproduction.measuring import (
+    Found,
+    Results,
+    calibration_of,
+    number,
+    over_what_varies,
+    series,
+)
 from orchestrator.score.gather import Floats
 
 TONES = {
@@ -28,6 +36,10 @@ TONES = {
 }
 
 
+_SIDES = ("value", "low", "high")
+"""A number and the ends of its interval."""
+
+
 def run_page_name(entry: Entry) -> str:
     """Return the file, in its campaign's directory, of the report on an entry's single trial."""
     assert entry.run is not None
@@ -39,6 +51,13 @@ def blocks_of(entry: Entry, name: str, results: Results, words: Counter[Word]) -
     blocks: list[Block] = []
     if entry.values:
         blocks.append(_value_table(entry, results, words))
+    announced = {
+        value.label: calibration_of(results, value)
+        for value in entry.values
+        if value.statistic == CALIBRATION_ERROR
+    }
+    if announced:
+        blocks.append(reliability_diagram(announced, f"{name}-reliability"))
     if entry.curves:
         blocks.append(_curves(entry, name, results))
     if entry.points:
@@ -116,7 +135,7 @@ def _points_figure(entry: Entry, name: str, at: Sequence[tuple[Floats, list[Foun
         points_trace(x, [own.number for own in found], part.label, i)
         for i, (part, (x, found)) in enumerate(zip(entry.points, at, strict=True))
     ]
-    heights = [np.array([own.number.value for own in found]) for _, found in at]
+    heights = [np.array([getattr(own.number, side) for own in found]) for _, found in at for side in _SIDES]
     x_title = entry.x_title or (entry.points[0].setting or "")
     x_axis = log_axis(x_title, [x for x, _ in at]) if entry.log_x else value_axis(x_title)
     return Figure(
@@ -144,4 +163,6 @@ def _points_table(entry: Entry, at: Sequence[tuple[Floats, list[Found]]]) -> Tab
 
 
 def _statistic(part: Points | Value) -> str:
+    if part.statistic == CALIBRATION_ERROR:
+        return "of all together"
     return f"share above {part.above:g}" if part.statistic == "share" else part.statistic

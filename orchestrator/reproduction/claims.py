@@ -14,8 +14,13 @@ import msgspec
 
 from orchestrator.reproduction.errors import ReproduceError
 
-Statistic = Literal["median", "mean", "rms", "max", "share"]
-"""Of a metric's values, one a trial: ``share`` is that of the trials above ``above``."""
+Statistic = Literal["median", "mean", "rms", "max", "share", "calibration_error"]
+"""Of a metric's values, one a trial: ``share`` is that of the trials above ``above``.
+
+``calibration_error`` is that of a series of probabilities, over all trials together.
+"""
+
+CALIBRATION_ERROR: Statistic = "calibration_error"
 
 
 Number = Annotated[int, msgspec.Meta(ge=0)]
@@ -159,6 +164,11 @@ def _check(place: str, entry: Entry) -> None:
     for part in parts:
         if not part.metric:
             raise ReproduceError(f"{place}: '{part.label}' does not name its metric")
+    for value in entry.values:
+        if value.statistic == CALIBRATION_ERROR and value.over is not None:
+            raise ReproduceError(
+                f"{place}: '{value.label}' has no single trial's value to divide; leave out its 'over'"
+            )
     for points in entry.points:
         if (points.setting is None) == (points.each is None):
             raise ReproduceError(

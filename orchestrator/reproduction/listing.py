@@ -9,7 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from orchestrator.campaign.sweep import Campaign, Request, prepare
-from orchestrator.reproduction.claims import Curve, Entry, Place, Points, read_entries
+from orchestrator.evidence.calibration import STATED
+from orchestrator.reproduction.claims import (
+    CALIBRATION_ERROR,
+    Curve,
+    Entry,
+    Place,
+    Points,
+    Value,
+    read_entries,
+)
 from orchestrator.reproduction.errors import ReproduceError
 from orchestrator.topology.names import select
 from orchestrator.topology.problems import did_you_mean
@@ -151,6 +160,15 @@ def _check_entry(path: Path, entry: Entry, found: Sequence[Listed], listed: Mapp
             _check_part(place, part, campaigns[part.campaign])
 
 
+def _suitable(part: Place, campaign: Campaign) -> tuple[str, list[str]]:
+    """Return what a part needs of a campaign's results, in words, and the columns that are such."""
+    if isinstance(part, Value | Points) and part.statistic == CALIBRATION_ERROR:
+        return "series of probabilities", [STATED]
+    is_series = isinstance(part, Curve)
+    own = [one.name for one in campaign.schema() if str(one.type).startswith("list<") == is_series]
+    return "series" if is_series else "metric", own
+
+
 def _check_part(place: str, part: Place, campaign: Campaign) -> None:
     if part.variant >= len(campaign.variants):
         last = len(campaign.variants) - 1
@@ -162,12 +180,9 @@ def _check_part(place: str, part: Place, campaign: Campaign) -> None:
         if not select(pattern, names):
             cure = did_you_mean(pattern, names)
             raise ReproduceError(f"{place}: '{part.campaign}' has no estimator '{pattern}'; {cure}")
-    kind = campaign.schema()
-    is_list = isinstance(part, Curve)
-    numbers = [one.name for one in kind if str(one.type).startswith("list<") == is_list]
-    if part.metric not in numbers:
-        what = "series" if is_list else "metric"
-        cure = did_you_mean(part.metric, numbers)
+    what, columns = _suitable(part, campaign)
+    if part.metric not in columns:
+        cure = did_you_mean(part.metric, columns)
         raise ReproduceError(f"{place}: '{part.campaign}' has no {what} '{part.metric}'; {cure}")
     if isinstance(part, Points) and part.setting is not None and part.setting not in campaign.swept:
         cure = did_you_mean(part.setting, campaign.swept)

@@ -12,19 +12,22 @@ from msgspec.structs import replace
 
 from orchestrator.campaign.summary import median_interval
 from orchestrator.evidence.bootstrap import Band, bootstrap, pooled, root_mean_square
+from orchestrator.evidence.calibration import HAPPENED, STATED, Calibration, attack_calibration
 from orchestrator.evidence.columns import Rows, select
 from orchestrator.evidence.figures import mean_curve, rmse_curve
 from orchestrator.evidence.intervals import Interval, only, share
 from orchestrator.evidence.samples import by_trial
 from orchestrator.evidence.sources import Source, load_source
 from orchestrator.evidence.table import SWEPT
-from orchestrator.reproduction.claims import Curve, Place, Points, Statistic, Value
+from orchestrator.reproduction.claims import CALIBRATION_ERROR, Curve, Place, Points, Statistic, Value
 from orchestrator.reproduction.errors import ReproduceError
 from orchestrator.score.gather import Floats
 from orchestrator.topology.names import select as select_names
 
 _MIDDLE = (0.05, 0.95)
 """The single trials between which most lie."""
+
+_NOWHERE = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -52,11 +55,17 @@ class Results:
             self._sources[name] = load_source(self.directories[name])
         return self._sources[name]
 
+    def from_step(self, place: Place) -> int:
+        """Return the first step that counts in the averages of a variant."""
+        options = self.source(place.campaign).documents[place.variant].get("score") or {}
+        return int(options.get("from_step", 0))
+
     def rows(self, place: Place) -> Rows:
         """Return the rows of some estimators of a variant, with what is needed of a metric."""
         source = self.source(place.campaign)
         wanted = {"variant", "trial", "seed", "node", "method", "status", "divergence_step", "nis_dof"}
-        table = source.read(lambda name: name in wanted or name == place.metric)
+        wanted |= {place.metric, HAPPENED} if place.metric == STATED else {place.metric}
+        table = source.read(lambda name: name in wanted)
         if place.metric not in table.column_names:
             raise ReproduceError(f"{place.campaign} has no column '{place.metric}' in {source.path}")
         held = list(dict.fromkeys(table.column("node").to_pylist()))
@@ -66,25 +75,36 @@ class Results:
 
 def number(results: Results, value: Value) -> Found:
     """Return a value over trials, or the ratio of it to another in the same trials."""
-    rows = results.rows(value)
-    values = by_trial(rows, value.metric)
     if value.over is None:
-        return over_trials(values, value.statistic, value.above)
-    below = results.rows(value.over)
+        return _found(results, value)
+    rows, below = results.rows(value), results.rows(value.over)
+    values = by_trial(rows, value.metric)
     known = dict(zip(below.keys, by_trial(below, value.over.metric), strict=True))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = values / np.array([known.get(key, np.nan) for key in rows.keys])
     return over_trials(ratio, value.statistic, value.above)
 
 
+def _found(results: Results, part: Value | Points) -> Found:
+    """Return the statistic of a metric in the place that a part names."""
+    if part.statistic == CALIBRATION_ERROR:
+        told = calibration_of(results, part)
+        return Found(told.error, _NOWHERE, told.trials)
+    return over_trials(by_trial(results.rows(part), part.metric), part.statistic, part.above)
+
+
+def calibration_of(results: Results, part: Value | Points) -> Calibration:
+    """Return what came true of the probabilities of attack that the estimators of a part announced."""
+    return attack_calibration(results.rows(part), results.from_step(part))
+
+
 def over_trials(values: Floats, statistic: Statistic, above: float = 0.0) -> Found:
     """Return a statistic of values (T,), one a trial; undefined ones, NaN, are left out."""
     known = values[~np.isnan(values)]
     if not known.size:
-        return Found(Interval(math.nan, math.nan, math.nan), (math.nan, math.nan), 0)
-    nowhere = (math.nan, math.nan)
+        return Found(Interval(math.nan, math.nan, math.nan), _NOWHERE, 0)
     if statistic == "share":
-        return Found(share(int(np.sum(known > above)), known.size), nowhere, known.size)
+        return Found(share(int(np.sum(known > above)), known.size), _NOWHERE, known.size)
     low, high = (float(np.quantile(known, q, method="closest_observation")) for q in _MIDDLE)
     return Found(_STATISTICS[statistic](known), (low, high), known.size)
 
@@ -139,7 +159,7 @@ def over_what_varies(results: Results, points: Points) -> tuple[Floats, list[Fou
         fixed = _fixed(results, points, values)
         places = [replace(points, variant=variant) for variant in fixed]
         at = [float(values[variant]) for variant in fixed]
-    found = [over_trials(by_trial(results.rows(p), p.metric), p.statistic, p.above) for p in places]
+    found = [_found(results, place) for place in places]
     order = np.argsort(at, kind="stable")
     return np.array(at)[order], [found[i] for i in order]
 

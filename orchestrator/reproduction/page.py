@@ -47,7 +47,8 @@ def paper_page(listing: Listing) -> Page:
         tone="warn" if failed else "plain",
         headline=_headline(words, len(shown), failed),
         facts="Numbers in brackets are 95 % intervals over trials. Most single runs lie in the range beside "
-        "them, from 5 to 95 % of the trials: a paper that shows one run shows one of these.",
+        "them, from 5 to 95 % of the trials"
+        + (": a paper that shows one run shows one of these." if _is_compared(words) else "."),
         tiles=_tiles(listing, words, len(shown), len(absent)),
         sections=sections,
     )
@@ -59,27 +60,34 @@ def _absent(entry: Entry, listing: Listing) -> str:
     return entry.missing or (f"needs {', '.join(lacking)}, left out by --only" if lacking else "")
 
 
+def _is_compared(words: Counter[Word]) -> bool:
+    """Return whether anything of a paper is set beside ours."""
+    return any(words[word] for word in (*_SAME, *_OTHER, Word.OPEN))
+
+
 def _headline(words: Counter[Word], shown: int, failed: int) -> str:
+    """Return in a sentence what there is, and how much of the paper holds, where it is set beside."""
     same, other = (sum(words[word] for word in of) for of in (_SAME, _OTHER))
-    told = f"{shown} figures, tables and claims regenerated. Of what the paper says in numbers or words, "
-    told += f"{same} {'holds' if same == 1 else 'hold'} here and {other} {'does' if other == 1 else 'do'} not"
+    told = f"{shown} figures, tables and claims regenerated"
+    if _is_compared(words):
+        told += f". Of what the paper says in numbers or words, {same} {'holds' if same == 1 else 'hold'}"
+        told += f" here and {other} {'does' if other == 1 else 'do'} not"
     told += f"; {words[Word.OPEN]} would need more trials" if words[Word.OPEN] else ""
     return told + (f"; {failed} trials came to no score." if failed else ".")
 
 
 def _tiles(listing: Listing, words: Counter[Word], shown: int, absent: int) -> list[Tile]:
     trials = sum(len(own.campaign.trials) * len(own.campaign.variants) for own in listing.campaigns)
-    return [
-        Tile(
-            "Campaigns",
-            f"{len(listing.campaigns)}",
-            f"{len(listing.left_out)} left out" if listing.left_out else "",
-        ),
+    left_out = f"{len(listing.left_out)} left out" if listing.left_out else ""
+    tiles = [
+        Tile("Campaigns", f"{len(listing.campaigns)}", left_out),
         Tile("Trials", f"{trials:,}"),
         Tile("Figures and tables", f"{shown}", f"{absent} not here" if absent else ""),
-        Tile("As in the paper", f"{sum(words[word] for word in _SAME)}"),
-        Tile("Otherwise", f"{sum(words[word] for word in _OTHER)}"),
     ]
+    if _is_compared(words):
+        tiles.append(Tile("As in the paper", f"{sum(words[word] for word in _SAME)}"))
+        tiles.append(Tile("Otherwise", f"{sum(words[word] for word in _OTHER)}"))
+    return tiles
 
 
 def _campaign_table(campaigns: Sequence[Listed], where: Path) -> Table:

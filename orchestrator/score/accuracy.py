@@ -48,6 +48,13 @@ def root_mean_square(values: Floats, keep: Bools, axis: int) -> Floats:
     return mean
 
 
+def _last_known(values: Floats, keep: Bools) -> Floats:
+    """Return the last value of each row (N, K) that is kept and known; NaN where there is none."""
+    known = keep & ~np.isnan(values)
+    last = known.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1)
+    return np.where(known.any(axis=1), values[np.arange(len(values)), last], np.nan)
+
+
 def find_errors(estimates: Estimates, state_groups: Mapping[str, Sequence[int]], bound: float) -> Errors:
     """Return the Euclidean error norms of each group and of ``state``, all of it.
 
@@ -83,10 +90,11 @@ def group_errors(errors: Errors, counted: Bools, attacked: Bools) -> list[dict[s
         hit = root_mean_square(norm, counted & attacked, axis=1)
         spared = root_mean_square(norm, counted & ~attacked, axis=1)
         peak = np.max(norm, axis=1, initial=-np.inf, where=counted & ~np.isnan(norm))
-        figures = np.where(errors.divergence_step < 0, [whole, hit, spared, peak], np.nan)
+        final = _last_known(norm, np.broadcast_to(counted, norm.shape))
+        figures = np.where(errors.divergence_step < 0, [whole, hit, spared, peak, final], np.nan)
         for node, own in zip(nodes, figures.T, strict=True):
-            rmse, on, off, most = numbers(own)
-            node[group] = GroupError(rmse=rmse, attacked=on, unattacked=off, peak=most)
+            rmse, on, off, most, last = numbers(own)
+            node[group] = GroupError(rmse=rmse, attacked=on, unattacked=off, peak=most, final=last)
     return nodes
 
 

@@ -67,6 +67,7 @@ METRICS: Mapping[str, Metric] = {
     "rmse_attacked.*": Metric("the same, over steps in which an attacked packet reached the node", "node"),
     "rmse_unattacked.*": Metric("the same, over the other steps", "node"),
     "peak.*": Metric("largest error norm of a state group", "node"),
+    "final.*": Metric("error norm of a state group at the end, of the last estimate that has one", "node"),
     "nees.mean": Metric("mean NEES; n when consistent", "node", undefined=_NO_COVARIANCE),
     "nees.ratio": Metric(
         "mean NEES over its degrees of freedom; 1 when consistent", "node", undefined=_NO_COVARIANCE

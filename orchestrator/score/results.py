@@ -64,13 +64,15 @@ class GroupError(Result, frozen=True, kw_only=True):
     """Errors of one estimator in one state group: Euclidean over the group, root mean square over steps.
 
     ``attacked`` and ``unattacked`` split the steps by whether an attacked packet reached this node. ``peak``
-    is the largest error norm. All are None for an estimator that diverged; an average over no step is None.
+    is the largest error norm, ``final`` that of the last estimate about a step of the run. Each is None for
+    an estimator that diverged, and over no step.
     """
 
     rmse: float | None
     attacked: float | None
     unattacked: float | None
     peak: float | None
+    final: float | None = None
 
 
 class Consistency(Result, frozen=True, kw_only=True):

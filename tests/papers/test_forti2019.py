@@ -15,6 +15,7 @@ import pytest
 
 from bus.messages import ChannelEvents, Estimate, Message, Truth
 from orchestrator.backends.inprocess import run_messages
+from orchestrator.evidence.calibration import calibration
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.problems import TopologyError
 from tests.playing import assert_keeps_what_it_expects, scored
@@ -219,19 +220,6 @@ def test_the_update_as_printed_is_three_times_worse_in_x1_and_owes_it_to_the_pri
         assert low <= errors["e2"][0] / errors["e1"][0] <= high
 
 
-def calibration_error(probability: np.ndarray, happened: np.ndarray, bins: int = 20) -> float:
-    """Return the expected calibration error: the mean distance of probability and frequency, by bins."""
-    index = np.minimum((probability * bins).astype(int), bins - 1)
-    return sum(
-        float(
-            np.sum(index == i)
-            / len(index)
-            * abs(probability[index == i].mean() - happened[index == i].mean())
-        )
-        for i in np.unique(index)
-    )
-
-
 @pytest.mark.parametrize(
     ("trials", "most"),
     [(8, 0.03), pytest.param(FULL, 0.02, marks=[pytest.mark.slow, pytest.mark.timeout(3600)])],
@@ -242,10 +230,12 @@ def test_on_data_of_its_own_model_the_attack_probability_is_a_probability(
     runs = campaign("calibration", trials)
     r = np.concatenate([run.r() for run in runs])
     happened = np.concatenate([run.attack.any(axis=1) for run in runs])
-    error = calibration_error(r, happened)
+    found = calibration(r, happened, np.repeat(np.arange(trials), len(runs[0].attack)))
     wrong = float(np.mean((r > 0.5) != happened))
-    print(f"\ncalibration error {error:.4f}, wrong {wrong:.3f}, unsure {np.mean(abs(r - 0.5) < 0.4):.2f}")
-    assert error <= most
+    print(f"\ncalibration error {found.error}, {found.by_chance:.4f} by chance alone")
+    print(f"wrong {wrong:.3f}, unsure {np.mean(abs(r - 0.5) < 0.4):.2f}")
+    assert found.error.value <= most
+    assert found.error.low == 0.0
     assert 0.05 < wrong < 0.4
 
 

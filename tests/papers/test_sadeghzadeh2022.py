@@ -236,6 +236,22 @@ def test_attacks_below_the_least_norm_pass_and_larger_ones_do_not(trials: int) -
 
 
 @trials
+def test_an_attack_of_the_least_norm_on_a_settled_filter_is_likely_found_and_not_for_sure(
+    trials: int,
+) -> None:
+    for size, low, high in ((0.12, 0.22, 0.41), (0.14, 0.62, 0.82), (0.16, 0.90, 1.0)):
+        topology = load_topology(FOLDER / "least_norm.yaml", [f"attacks[0].bias.value={size}", "expect=null"])
+        links = [
+            next(link.detector for link in result.links if link.name == "s1->modified")
+            for result in (scored(topology.at(trial=trial)) for trial in range(trials))
+        ]
+        found = [link.recall for link in links if link is not None and link.recall is not None]
+        assert len(found) == trials
+        within(f"found at a norm of {2 * size}", float(np.mean(found)), low, high, trials)
+        assert all(link is not None and not link.false_positive for link in links)
+
+
+@trials
 def test_false_alarms_come_with_noise_that_the_threshold_was_not_made_for(trials: int) -> None:
     for variant, low, high in (
         ("proposed", 0.08, 0.9),

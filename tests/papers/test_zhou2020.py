@@ -58,7 +58,8 @@ class Run:
 
     @property
     def lost(self) -> bool:
-        return bool(self.error[:, -1].mean() > LOST_M)
+        """Whether the nodes are off by more than the limit in the end, as their RMS: the metric `final.*`."""
+        return bool(np.sqrt(np.mean(self.error[:, -1] ** 2)) > LOST_M)
 
 
 @cache

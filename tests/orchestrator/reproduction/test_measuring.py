@@ -29,6 +29,12 @@ def test_an_error_without_bound_makes_mean_and_rms_unbounded_and_leaves_the_medi
     assert over_trials(values, "median").number.value == 2.0
 
 
+def test_a_run_whose_estimator_diverged_is_among_those_above_any_limit_and_a_failed_one_is_in_no_share():
+    final = np.array([0.3, 7.0, math.inf, np.nan])
+    found = over_trials(final, "share", above=5.0)
+    assert (found.number.value, found.trials) == (pytest.approx(2 / 3), 3)
+
+
 @pytest.mark.parametrize("statistic", ["median", "mean", "rms"])
 def test_intervals_hold_the_truth_as_often_as_they_say(statistic):
     """400 campaigns of 40 trials; 0.90 to 0.98 is left by one of 95 % about once in ten thousand times."""

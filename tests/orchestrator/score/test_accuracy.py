@@ -7,6 +7,7 @@ import math
 import pytest
 
 from orchestrator.score.gather import ScoreError
+from orchestrator.score.measure import node_value
 from orchestrator.score.results import ScoreOptions
 from orchestrator.score.scoring import score
 
@@ -43,6 +44,20 @@ def test_errors_count_from_from_step_on(make_plan, recorder):
     assert settled.nodes[0].groups["state"].rmse == 1.0
     assert settled.nodes[0].groups["state"].peak == 1.0
     assert settled.networks[0].rmse["state"] == [100.0, 100.0, 1.0, 1.0]
+
+
+def test_the_final_error_is_that_of_the_last_estimate_about_a_step_of_the_run(make_plan, recorder):
+    for step, (filtered, predicted) in enumerate([(1.0, 4.0), (2.0, 5.0), (3.0, 6.0)]):
+        recorder.truth(step, [0.0])
+        recorder.estimate("e1", step, [filtered])
+        recorder.estimate("e2", step, [predicted], refers_to=step + 1)
+        recorder.estimate("e3", step, [] if step else [9.0], diverged=step > 0)
+    plan = make_plan(3, {"e1": ["s1"], "e2": ["s1"], "e3": ["s1"]})
+    result = score(plan, recorder.records, state_groups={})
+    assert [node.groups["state"].final for node in result.nodes] == [3.0, 5.0, None]
+    assert [node_value(result, node, "final.state") for node in result.nodes] == [3.0, 5.0, math.inf]
+    late = score(plan, recorder.records, state_groups={}, options=ScoreOptions(from_step=2))
+    assert [node.groups["state"].final for node in late.nodes] == [3.0, None, None]
 
 
 def test_errors_are_split_by_the_steps_in_which_an_attacked_packet_arrived(make_plan, recorder):
