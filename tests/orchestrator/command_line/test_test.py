@@ -86,9 +86,10 @@ def test_a_report_that_cannot_be_written_is_told(gauntlet: Command, home: Path) 
 
 
 def test_a_folder_of_this_repository_keeps_its_promises(gauntlet: Command) -> None:
-    answer = gauntlet("test", ROOT / "topologies/sadeghzadeh2022")
+    folder = ROOT / "topologies/sadeghzadeh2022"
+    answer = gauntlet("test", folder)
     assert answer.code == 0, answer.out
-    assert "8 files" in answer.out
+    assert f"{len(list(folder.glob('[!_]*.yaml')))} files" in answer.out
 
 
 @pytest.mark.slow
