@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval, MinLen
+from annotated_types import Ge, MinLen
 
 from bus.packets import Packet, Vector
+from bus.quantities import Probability
 from nodes.contract import Belief, Detection, Matrix, Setting
 from nodes.estimators.attack_model import MomentRule
 from nodes.estimators.attack_prior import AttackLaw
@@ -25,8 +26,6 @@ from nodes.estimators.hybrid_density import (
 )
 from nodes.estimators.hybrid_filter import HybridFilter, signal_diagnostics
 from nodes.estimators.packet_sets import FakeBox, packet_sets
-
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 
 
 class HybridBernoulli(HybridFilter):

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Interval
 
 from bus.packets import Packet, Vector
+from bus.quantities import Probability
 from nodes.contract import Belief, Setting
 from nodes.estimators.attack_prior import AttackLaw
 from nodes.estimators.gaussian_mixture import Mixture, joined, merge, moments
@@ -24,7 +23,6 @@ from nodes.estimators.hybrid_density import (
 from nodes.estimators.hybrid_filter import HybridFilter, signal_diagnostics
 from nodes.estimators.packet_sets import packet_sets, pooled
 
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 _EVERYTHING = math.inf
 _GENUINE = Origin(-math.inf, np.zeros(1))
 _ONE_EACH = Reduction(0.0, _EVERYTHING, 1)

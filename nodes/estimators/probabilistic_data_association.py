@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Interval
 
 from bus.packets import Packet, Vector
+from bus.quantities import Probability
 from nodes.contract import Detection, Setting
 from nodes.estimators.commanded_input import Commanded, CommandedInput
 from nodes.estimators.gaussian_mixture import Mixture, log_sum, moments
@@ -48,7 +47,7 @@ class ProbabilisticDataAssociation(Commanded, SolitaryGaussian):
         setting: Setting,
         *,
         fakes: FakeBox,
-        delivery: Annotated[float, Interval(ge=0.0, le=1.0)] = 1.0,
+        delivery: Probability = 1.0,
     ) -> None:
         self._dynamics = Dynamics(setting)
         self._models = SensorBank(setting).models
