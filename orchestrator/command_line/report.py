@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from orchestrator.choices import FigureFormat
 from orchestrator.command_line.output import print_json
 
 
@@ -32,7 +33,7 @@ def report(
         Path | None, typer.Option(help="A directory to write the figures into as well, one file each.")
     ] = None,
     form: Annotated[
-        Literal["svg", "png"], typer.Option("--format", help="The kind of picture that --figures writes.")
+        FigureFormat, typer.Option("--format", help="The kind of picture that --figures writes.")
     ] = "svg",
     json: Annotated[
         bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from orchestrator import exit_codes
+from orchestrator.choices import FigureFormat
+from orchestrator.command_line.options import DaskAddress, Jobs, Json
 from orchestrator.command_line.output import print_json
-from orchestrator.command_line.sweep import DaskAddress, Jobs, Json, carry_out, cpus
+from orchestrator.command_line.sweep import carry_out, cpus
 
 if TYPE_CHECKING:
     from orchestrator.report.contents import Page
@@ -43,7 +45,7 @@ def reproduce(
         typer.Option(help="A directory to write the paper's figures into as well, one file each."),
     ] = None,
     form: Annotated[
-        Literal["svg", "png"], typer.Option("--format", help="The kind of picture that --figures writes.")
+        FigureFormat, typer.Option("--format", help="The kind of picture that --figures writes.")
     ] = "svg",
     json: Json = False,
 ) -> None:
