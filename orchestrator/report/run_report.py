@@ -17,7 +17,8 @@ from orchestrator.report.tracking import disagreement_figure, error_figure, trac
 from orchestrator.report.traffic import link_table, matrix_figure, rate_figure
 from orchestrator.score.gather import Bools
 from orchestrator.score.judging import show
-from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Score
+from orchestrator.score.link_results import AttackWindow
+from orchestrator.score.results import Consistency, NodeScore, Score
 from orchestrator.score.verdict import headline
 
 TONES = {"PASSED": "good", "FAILED": "bad", "INCOMPLETE": "warn", "DONE": "plain"}

@@ -10,8 +10,9 @@ from rich.console import Console
 from rich.text import Text
 
 from orchestrator.score.judging import show
+from orchestrator.score.link_results import SenderScore
 from orchestrator.score.measure import expected_estimates, pooled_senders
-from orchestrator.score.results import NodeScore, Outcome, Score, SenderScore
+from orchestrator.score.results import NodeScore, Outcome, Score
 from orchestrator.score.verdict_tables import attack_table, estimator_tables, signal_table
 
 TRACKING_RATIO = 2.0
