@@ -1,4 +1,4 @@
-"""A small world under attack: its plant, its sensors, what they measure, and how claims about it are judged."""
+"""A small world under attack: plant, sensors, what they measure, and how claims about it are judged."""
 
 from __future__ import annotations
 
