@@ -15,7 +15,7 @@ from bus.messages import Finished, Message, encode
 from bus.plan import Plan
 from bus.program import Port, Program, Scheduler, run_alone
 from bus.usage import own_usage
-from bus.zenoh_bus import Client
+from bus.zenoh.client import Client
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,8 @@ def _run_programs(programs: Sequence[tuple[Program, Sequence[str]]], receiver: _
 def run_process(plan: Plan, own: Membership, build: Build) -> None:
     """Take part in a run from the first step to the last.
 
-    Raises `bus.zenoh_bus.BusTimeout` when nothing comes for longer than supervision would wait, and whatever
-    the programs raise.
+    Raises `bus.zenoh.session.BusTimeout` when nothing comes for longer than supervision would wait, and
+    whatever the programs raise.
     """
     prefix = keys.prefix(own.run)
     with Client(

@@ -7,7 +7,9 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bus.zenoh_bus import BusError, BusTimeout, Client, Router
+from bus.zenoh.client import Client
+from bus.zenoh.router import Router
+from bus.zenoh.session import BusError, BusTimeout
 
 _FORBIDDEN, _ALLOWED = 0, 1  # subscriptions of a probing client
 

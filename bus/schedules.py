@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 import numpy as np
-from annotated_types import Ge, Interval
+from annotated_types import Ge
 
 from bus.kinds import load_class
 from bus.plan import Plan, TimingPlan
+from bus.quantities import Probability
 from bus.random_streams import random_stream
 
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 Steps = Annotated[int, Ge(0)]
 _BLOCK = 256
 

@@ -6,9 +6,10 @@ import hashlib
 import math
 from bisect import bisect_left
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from bus.packets import Vector
@@ -18,6 +19,9 @@ _SLOT_WORD, _BRANCH_WORD = 2, 3  # of the counter's four 64-bit words; blocks dr
 
 Law = Callable[[np.random.Generator, int], NDArray[Any]]
 """Draws a block of a given size from a generator."""
+
+Correlation = Annotated[float, Interval(ge=0.0, lt=1.0)]
+"""Of the normal numbers from which fates of successive steps are made: a Gaussian copula."""
 
 T = TypeVar("T")
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -16,6 +16,9 @@ import numpy as np
 from bus.packets import Packet, Vector
 
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
+
+Listens = Literal["paired", "all"]
+"""The sensors that a method is given unless the topology says which: those of its own number, or all."""
 
 
 class Plant(Protocol):
@@ -211,6 +214,9 @@ class Estimator(Protocol):
     slot. A method with ``takes_trigger = True`` asks the trigger itself, may fill a slot all the same, and
     says in the diagnostic ``sent`` which share of the step's events was sent. Payloads are (m,) arrays whose
     layout is the method's own. A lost packet is simply not in ``packets``.
+
+    The class attribute ``listens`` (`Listens`) says which sensors it is given unless the topology does so;
+    without it, ``paired``.
 
     One that predicts with the plant's input has a further method ``control(step, packets)``: before `correct`
     of the step after, it is given what controllers commanded in ``step``.

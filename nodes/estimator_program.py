@@ -86,6 +86,29 @@ class _Guard:
         return published(step, t, Belief(np.zeros(0), np.zeros((0, 0))), refused)
 
 
+class _Admission:
+    """Lets in what a node may believe of what its inboxes hold; ``refused`` counts the rest of a step."""
+
+    def __init__(self) -> None:
+        self.refused = 0
+
+    def admit(self, inbox: Inbox | Delivery, gate: Gate, hears_oracles: bool = False) -> Sequence[Packet]:
+        """Return the packets that a gate lets in, and what oracles tell a node that hears them."""
+        packets = packets_of_inbox(inbox)
+        if isinstance(inbox, Delivery) and inbox.untouched:
+            return packets
+        if holds(inbox, ORACLE):
+            told = [packet for packet in packets if hears_oracles and packet.kind == ORACLE]
+            let_in = gate.admit([packet for packet in packets if packet.kind != ORACLE])
+            self.refused += len(packets) - len(let_in) - len(told)
+            return [*let_in, *told]
+        if gate.is_open_to(inbox.source):
+            return packets
+        let_in = gate.admit(packets)
+        self.refused += len(packets) - len(let_in)
+        return let_in
+
+
 def estimator_program(
     port: Port,
     plan: Plan,
@@ -105,43 +128,25 @@ def estimator_program(
     is_heard = plan.is_heard(own.name, keys.EXCHANGE)
     guard = _Guard(own.name, estimator, state_size)
     pace = Pace(own.name, window)
-    measured = Gate(plan, own.sensors)
-    exchanged = Gate(plan, own.neighbours)
-    controlled = Gate(plan, own.controllers)
+    measured, exchanged, controlled = (
+        Gate(plan, sources) for sources in (own.sensors, own.neighbours, own.controllers)
+    )
+    hears_oracles = bool(own.oracles)
+    admission = _Admission()
+    admit = admission.admit
     send = sender(port, plan, own.name, keys.EXCHANGE)
     put = outlet(port, keys.estimate(own.name))
     tell = watch(port, plan, own.name)
-    refused = 0
-
-    def admitted(inbox: Inbox | Delivery, gate: Gate) -> Sequence[Packet]:
-        nonlocal refused
-        packets = packets_of_inbox(inbox)
-        if isinstance(inbox, Delivery) and inbox.untouched:
-            return packets
-        if holds(inbox, ORACLE):
-            hears = bool(own.oracles) and gate is measured
-            told = [packet for packet in packets if hears and packet.kind == ORACLE]
-            said = [packet for packet in packets if packet.kind != ORACLE]
-            let_in = gate.admit(said)
-            refused += len(packets) - len(let_in) - len(told)
-            return [*let_in, *told]
-        if gate.is_open_to(inbox.source):
-            return packets
-        let_in = gate.admit(packets)
-        refused += len(packets) - len(let_in)
-        return let_in
 
     def one_step(step: int) -> Program:
-        nonlocal refused
-        t = step * plan.period_s
         packets: Sequence[Packet] = ()
-        refused = 0
+        admission.refused = 0
         if not own.sensors:
             yield from pace.wait(step)
         if step and own.controllers:
-            guard.control(step - 1, admitted((yield control_topic), controlled))
+            guard.control(step - 1, admit((yield control_topic), controlled))
         if own.sensors:
-            packets = admitted((yield inbox_topic), measured)
+            packets = admit((yield inbox_topic), measured, hears_oracles)
         payload = guard.payload(step, None, packets)
         for round_ in range(own.rounds):
             if is_heard:
@@ -150,9 +155,9 @@ def estimator_program(
                 send(step, round_, step * own.rounds + round_, payload)
             packets = ()
             if own.neighbours:
-                packets = admitted((yield exchange_topic), exchanged)
+                packets = admit((yield exchange_topic), exchanged)
             payload = guard.payload(step, round_, packets)
-        estimate = guard.estimate(step, t, refused)
+        estimate = guard.estimate(step, step * plan.period_s, admission.refused)
         put(estimate)
         tell(step, [float(sum([bool(detection.alarm) for detection in estimate.detections]))])
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from orchestrator.backends import fork_server
 
 if TYPE_CHECKING:
-    from orchestrator.run import Backend
+    from orchestrator.choices import Backend
     from orchestrator.topology.resolved import Topology
 
 

@@ -6,13 +6,13 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 
 from bus.program import NodeError
 from orchestrator import exit_codes
 from orchestrator.backends.contract import Progress, RunFailedError, Timing
+from orchestrator.choices import Backend
 from orchestrator.errors import InputError
 from orchestrator.interrupts import UNINTERRUPTED, Interrupted, raising_interrupts
 from orchestrator.log.errors import LogError
@@ -23,8 +23,6 @@ from orchestrator.log.writer import LogWriter
 from orchestrator.run_directory import LOG, NODE_LOGS, SCORE, TIMING, TOPOLOGY
 from orchestrator.score.results import Score
 from orchestrator.topology.resolved import Topology
-
-Backend = Literal["processes", "inprocess"]
 
 
 class NotBegunError(InputError):

@@ -25,6 +25,17 @@ estimators:
 """
 """The head of a small topology, to be formatted: three estimators on a ring. Tests add to it."""
 
+LOSSY_RING = (
+    RING
+    + """\
+  lone: {{method: kalman, sensors: [s1, s3]}}
+channel:
+  e*->e*: {{gilbert_elliott: {{failure: 0.2, recovery: 0.5}}}}
+  s*->lone: {{bernoulli: {{loss: 0.3}}}}
+"""
+)
+"""The same with an estimator beside the ring, and losses on the way."""
+
 
 def record_of(topology: Topology) -> Record:
     """Run a topology and return all its messages."""

@@ -9,11 +9,10 @@ import numpy as np
 from annotated_types import Interval
 
 from bus.packets import Packet, Vector
+from bus.quantities import Probability
 from channel.attacks.falsifying import FalsifyingLane, Part
 from channel.contract import Lane, Ledger, Placement, Slot
 from channel.draws import SteppedDraws
-
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 
 
 class ConvergingBias:

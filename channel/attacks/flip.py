@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar
-
-from annotated_types import Interval
+from typing import ClassVar
 
 from bus.packets import Packet, Vector
+from bus.quantities import Probability
 from channel.attacks.falsifying import FalsifyingLane, Part
 from channel.contract import Lane, Ledger, Placement, Slot
 from channel.draws import SteppedDraws
-
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 
 
 class Flip:

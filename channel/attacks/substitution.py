@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar
-
-from annotated_types import Interval
+from typing import ClassVar
 
 from bus.packets import Packet
+from bus.quantities import Probability
 from channel.attacks.falsifying import Part
 from channel.attacks.laws import DrawnLane, Seen, ValueLaw
 from channel.contract import Lane, Ledger, Placement, Slot
 from channel.draws import SlotStreams, SteppedDraws
-
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 
 
 class Substitution:

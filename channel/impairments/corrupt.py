@@ -10,11 +10,10 @@ from annotated_types import Interval
 from msgspec.structs import replace
 
 from bus.packets import Packet, Vector
+from bus.quantities import Probability
 from channel.contract import Lane, Ledger, Placement, Slot, distance
-from channel.draws import SlotStreams, SteppedFates, chances
+from channel.draws import Correlation, SlotStreams, SteppedFates, chances
 
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
-Correlation = Annotated[float, Interval(ge=0.0, lt=1.0)]
 Bits = Annotated[int, Interval(ge=1, le=52)]
 
 _WORD = 64

@@ -7,15 +7,14 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval
+from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from bus.packets import Packet, Vector
+from bus.quantities import Probability
 from channel.contract import Lane, Ledger, Placement, Slot
-from channel.draws import CorrelatedNormals, Law, SteppedFates, branch, tail
+from channel.draws import CorrelatedNormals, Correlation, Law, SteppedFates, branch, tail
 
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
-Correlation = Annotated[float, Interval(ge=0.0, lt=1.0)]
 Steps = Annotated[float, Ge(0.0)]
 Distribution = Literal["constant", "uniform", "normal", "pareto"]
 

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar
-
-from annotated_types import Interval
+from typing import ClassVar
 
 from bus.packets import Packet
+from bus.quantities import Probability
 from channel.contract import Lane, Ledger, Placement, Slot
-from channel.draws import SteppedFates, chances
-
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
-Correlation = Annotated[float, Interval(ge=0.0, lt=1.0)]
+from channel.draws import Correlation, SteppedFates, chances
 
 
 class Duplicate:

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval
+from annotated_types import Ge
 from numpy.typing import NDArray
 
 from bus.packets import Packet
+from bus.quantities import Probability
 from channel.contract import Lane, Ledger, Placement, Slot
 from channel.draws import SteppedFates
 
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 Clock = Literal["step", "slot", "packet"]
 Initial = Literal["good", "bad", "stationary"]
 LossFrom = Literal["new_state", "old_state"]

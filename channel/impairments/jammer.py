@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Annotated, ClassVar
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval
+from annotated_types import Ge, Gt
 
 from bus.packets import Packet
+from bus.quantities import Probability
 from channel.contract import Lane, Ledger, Placement, Slot
 from channel.draws import SteppedDraws, branch
 
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 Energy = Annotated[float, Ge(0.0)]
 
 

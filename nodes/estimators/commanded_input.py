@@ -36,3 +36,13 @@ class CommandedInput:
             self.effect = self._B.dot(command)
         elif self.effect is None or not self._holds:
             self.effect = self._none
+
+
+class Commanded:
+    """An estimator that is told what the controllers command, and predicts with it."""
+
+    _input: CommandedInput
+
+    def control(self, step: int, packets: Sequence[Packet]) -> None:
+        """Take the input that was commanded in ``step``, for the prediction that follows."""
+        self._input.take(packets)

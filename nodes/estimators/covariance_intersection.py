@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Matrix, Setting
+from nodes.contract import Matrix, Setting
 from nodes.estimators.linear_gaussian import cholesky, correct
-from nodes.estimators.local_model import LocalFilter, arrived, inverse
+from nodes.estimators.local_model import NetworkedFilter, arrived, inverse
 
 Criterion = Literal["trace", "determinant", "fast"]
 
 
-class CovarianceIntersection:
+class CovarianceIntersection(NetworkedFilter):
     """A Kalman filter that fuses its neighbours' estimates whatever the correlation of their errors.
 
     After its own correction a node sends ``x`` (n) and ``P`` (n * n), and takes of its own and those that
@@ -45,8 +45,6 @@ class CovarianceIntersection:
         singular.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-
     def __init__(
         self,
         setting: Setting,
@@ -54,13 +52,8 @@ class CovarianceIntersection:
         weights: Criterion = "trace",
         rounds_per_step: Annotated[int, Ge(1)] = 1,
     ) -> None:
-        self.rounds = rounds_per_step if setting.neighbours else 0
-        self._filter = LocalFilter(setting)
+        super().__init__(setting, rounds=rounds_per_step)
         self._criterion: Criterion = weights
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._filter.control(packets)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict and correct by the node's own measurements; return the payload (n + n * n)."""
@@ -88,13 +81,6 @@ class CovarianceIntersection:
 
     def _payload(self) -> Vector:
         return np.concatenate((self._filter.state, self._filter.covariance.ravel()))
-
-    def estimate(self, step: int) -> Belief:
-        """Return the fused state, and the bound on its covariance.
-
-        Diagnostics: ``neighbours_received`` counts the payloads that arrived in all rounds.
-        """
-        return self._filter.belief()
 
 
 def intersect(

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Literal
 
 import numpy as np
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Setting
-from nodes.estimators.commanded_input import CommandedInput
-from nodes.estimators.nonlinear_gaussian import nonlinear_plant
+from nodes.contract import Setting
+from nodes.estimators.commanded_input import Commanded, CommandedInput
+from nodes.estimators.nonlinear_gaussian import nonlinear_plant, propagate
+from nodes.estimators.solitary import SolitaryGaussian
 from nodes.gaussian import Gaussian
 from nodes.linear_algebra import square_root
 
 _NO_ERROR = Gaussian(std=0.0)
 
 
-class DeadReckoning:
+class DeadReckoning(Commanded, SolitaryGaussian):
     """Predicts ``x+ = f(x)``, ``P+ = F P F' + Q`` from the initial law on, and hears nothing but commands.
 
     Parameters
@@ -33,35 +33,19 @@ class DeadReckoning:
         When the plant is of another kind, or ``start_error`` does not fit its state.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-    rounds = 0
-
     def __init__(self, setting: Setting, *, start_error: Gaussian = _NO_ERROR) -> None:
         self._plant = nonlinear_plant(setting)
+        super().__init__(setting)
         self._input = CommandedInput(setting.plant)
         self._state, added = start(setting, start_error)
-        self._covariance = setting.plant.initial_covariance + added
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._input.take(packets)
+        self._covariance = self._covariance + added
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict from the step before."""
         if step > 0:
-            F = self._plant.jacobian(self._state)
-            half = 0.5 * F.dot(self._covariance).dot(F.T)
-            self._covariance = half + half.T + self._plant.Q
-            self._state = self._input.add_to(self._plant.transition(self._state[None])[0])
+            predicted, self._covariance = propagate(self._plant, self._state, self._covariance)
+            self._state = self._input.add_to(predicted)
         return None
-
-    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Do nothing: it works alone."""
-        return None
-
-    def estimate(self, step: int) -> Belief:
-        """Return the predicted state and its error covariance, which is approximate."""
-        return Belief(self._state, self._covariance)
 
 
 def start(setting: Setting, error: Gaussian) -> tuple[Vector, np.ndarray]:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Literal
 
 import numpy as np
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Setting
-from nodes.estimators.local_model import ConsensusWeights, LocalFilter, arrived, no_information
+from nodes.contract import Setting
+from nodes.estimators.local_model import ConsensusWeights, NetworkedFilter, arrived, no_information
 
 
-class DiffusionKalman:
+class DiffusionKalman(NetworkedFilter):
     """A Kalman filter on the measurements of a node and its neighbours, and then a mean of their estimates.
 
     In the first round the nodes exchange ``C' R^-1 y`` (n) and ``C' R^-1 C`` (n * n), and each corrects
@@ -38,17 +37,10 @@ class DiffusionKalman:
         singular, or the weights cannot be those of a mean.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-
     def __init__(self, setting: Setting) -> None:
-        self.rounds = 2 if setting.neighbours else 0
-        self._filter = LocalFilter(setting)
+        super().__init__(setting, rounds=2)
         self._weights = ConsensusWeights(setting)
         self._information = no_information(len(self._filter.state))
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._filter.control(packets)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict; return the information of the node's own measurements (n + n * n)."""
@@ -59,7 +51,10 @@ class DiffusionKalman:
         return np.concatenate((vector, matrix.ravel()))
 
     def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Correct by all information that arrived and return the state (n,), then take the mean of states."""
+        """Correct by all information that arrived and return the state (n,), then take the mean of states.
+
+        ``neighbours_received`` counts those whose information arrived.
+        """
         own = self._filter
         n = len(own.state)
         if round_ == 1:
@@ -73,10 +68,3 @@ class DiffusionKalman:
             matrix = matrix + payload[n:].reshape(n, n)
         own.add_information(vector, matrix)
         return own.state
-
-    def estimate(self, step: int) -> Belief:
-        """Return the mean of states, and the covariance before it was taken.
-
-        Diagnostics: ``neighbours_received`` counts the neighbours whose measurements arrived.
-        """
-        return self._filter.belief()

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Matrix, NonlinearPlant, NonlinearSensor, Setting
+from nodes.contract import Belief, Listens, Matrix, NonlinearPlant, NonlinearSensor, Setting
 from nodes.estimators.arrivals import measurements
 from nodes.estimators.dead_reckoning import start
 from nodes.estimators.gain_knowledge import Deception, Design, Local, Shares, stacked
-from nodes.estimators.gain_lmi import Lmi
-from nodes.estimators.gain_riccati import Riccati
+from nodes.estimators.gain_lmi import Lmi, LmiVariant
+from nodes.estimators.gain_riccati import Riccati, RiccatiVariant
 from nodes.estimators.innovation_exchange import QUIET, SENT, UNMEASURED, Heard, Layout, Memory
 from nodes.estimators.nonlinear_gaussian import nonlinear_plant, nonlinear_sensors
 from nodes.gaussian import Gaussian
@@ -38,8 +38,8 @@ class GainDesign:
         (`nodes.estimators.gain_lmi`). It needs the extra ``lmi``.
     """
 
-    riccati: Literal["nominal", "adversarial", "residual"] | None = None
-    lmi: Literal["nominal", "moment", "sector"] | None = None
+    riccati: RiccatiVariant | None = None
+    lmi: LmiVariant | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no choice; raises ValueError."""
@@ -95,7 +95,7 @@ class EventTriggeredExtendedKalman:
         When the setting or a parameter is not as described, or the extra that ``lmi`` needs is missing.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
+    listens: ClassVar[Listens] = "paired"
     knows_neighbours_sensors: ClassVar[bool] = True
     takes_trigger: ClassVar[bool] = True
     rounds = 1

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Literal
+from typing import Literal
 
 from bus.packets import Packet, Vector
 from nodes.contract import Belief, Setting
-from nodes.estimators.commanded_input import CommandedInput
+from nodes.estimators.commanded_input import Commanded, CommandedInput
 from nodes.estimators.linear_gaussian import Dynamics, SensorBank, correct
+from nodes.estimators.solitary import SolitaryGaussian
 from nodes.triggers.contract import InformativeTrigger
 from nodes.triggers.silence import learn
 
 
-class EventTriggeredKalman:
+class EventTriggeredKalman(Commanded, SolitaryGaussian):
     """A Kalman filter for sensors with event triggers, without neighbours.
 
     Packets are taken as by `Kalman`. A sensor that was silent tells something as well, if its trigger is one
@@ -42,29 +43,19 @@ class EventTriggeredKalman:
         When the plant or a sensor is not linear, or a sensor's noise is singular.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-    rounds: int = 0
-
     def __init__(
         self, setting: Setting, *, silence: Literal["informative", "ignored"] = "informative"
     ) -> None:
         self._dynamics = Dynamics(setting)
         self._sensors = SensorBank(setting)
+        super().__init__(setting)
         self._input = CommandedInput(setting.plant)
         self._triggers: dict[str, InformativeTrigger] = {}
         if silence == "informative":
             for name, trigger in setting.sensor_triggers.items():
                 if isinstance(trigger, InformativeTrigger):
                     self._triggers[name] = trigger
-        self._state = setting.plant.initial_mean
-        self._covariance = setting.plant.initial_covariance
-        self._nis = 0.0
-        self._nis_dof = 0
         self._silent = 0
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._input.take(packets)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict, correct by what was sent and then by the silences, in the sensors' order."""
@@ -92,10 +83,6 @@ class EventTriggeredKalman:
                 self._state, self._covariance = learn(self._state, self._covariance, model, told)
                 self._silent += 1
             trigger.note(step, values)
-
-    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Do nothing: the filter works alone."""
-        return None
 
     def estimate(self, step: int) -> Belief:
         """Return the filtered state and its error covariance.

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from bus.packets import Packet
-from nodes.estimators.linear_gaussian import Measurement, correct
-from nodes.estimators.nonlinear_gaussian import NonlinearKalman, block_diagonal
+from nodes.estimators.linear_gaussian import correct
+from nodes.estimators.nonlinear_gaussian import NonlinearKalman, linearise, propagate
 
 
 class ExtendedKalman(NonlinearKalman):
@@ -31,18 +29,10 @@ class ExtendedKalman(NonlinearKalman):
     """
 
     def _predict(self) -> None:
-        F = self._plant.jacobian(self._state)
-        half = 0.5 * F.dot(self._covariance).dot(F.T)
-        self._state = self._plant.transition(self._state[None])[0]
-        self._covariance = half + half.T + self._plant.Q
+        self._state, self._covariance = propagate(self._plant, self._state, self._covariance)
 
     def _update(self, packets: Sequence[Packet]) -> None:
-        state = self._state
-        sensors = [self._sensors[packet.source] for packet in packets]
-        C = np.concatenate([sensor.jacobian(state) for sensor in sensors])
-        predicted = np.concatenate([sensor.measure(state[None])[0] for sensor in sensors])
-        values = np.concatenate([packet.values for packet in packets])
-        model = Measurement(C, block_diagonal([sensor.R for sensor in sensors]))
-        correction = correct(state, self._covariance, model, values - predicted + C.dot(state))
+        model, values = linearise(self._sensors, self._state, packets)
+        correction = correct(self._state, self._covariance, model, values)
         self._state, self._covariance = correction.state, correction.covariance
         self._nis, self._nis_dof = correction.nis, len(values)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Lt
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Matrix, Setting
+from nodes.contract import Belief, Listens, Matrix, Setting
 from nodes.estimators.linear_gaussian import (
     Dynamics,
     SensorBank,
@@ -47,7 +47,7 @@ class FixedGainConsensus:
         When the plant or a sensor is not linear, a sensor's noise is singular, or the gain has another shape.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
+    listens: ClassVar[Listens] = "paired"
 
     def __init__(
         self,

@@ -24,7 +24,7 @@ from nodes.estimators.gain_programs import (
 from nodes.estimators.gain_riccati import Riccati, nominal
 from nodes.linear_algebra import square_root
 
-Variant = Literal["nominal", "moment", "sector"]
+LmiVariant = Literal["nominal", "moment", "sector"]
 
 PROCESS_RADIUS = 3.0
 """Squared radius of the ellipsoid of process noise, in standard deviations."""
@@ -98,7 +98,7 @@ class Lmi:
         shares: Shares,
         Q: Matrix,
         *,
-        variant: Variant,
+        variant: LmiVariant,
         members: int,
         weights: Vector,
         solver: Solver = "CLARABEL",

@@ -17,7 +17,7 @@ from nodes.contract import Matrix
 from nodes.estimators.gain_knowledge import Gains, Local, Shares, stacked, stacked_square
 from nodes.lapack import dpotrf, dtrtrs
 
-Variant = Literal["nominal", "adversarial", "residual"]
+RiccatiVariant = Literal["nominal", "adversarial", "residual"]
 
 _SWEEPS = 40
 _SMALLEST_WEIGHT = 1e-9
@@ -68,7 +68,7 @@ class Riccati:
     ellipsoidal = False
     failures = 0
 
-    def __init__(self, shares: Shares, Q: Matrix, *, variant: Variant = "nominal") -> None:
+    def __init__(self, shares: Shares, Q: Matrix, *, variant: RiccatiVariant = "nominal") -> None:
         self.guaranteed = variant == "adversarial"
         self._shares = shares
         self._Q = Q

@@ -3,37 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval, MinLen
+from annotated_types import Ge, MinLen
 
 from bus.packets import Packet, Vector
+from bus.quantities import Probability
 from nodes.contract import Belief, Detection, Matrix, Setting
-from nodes.estimators.attack_model import AttackModel
-from nodes.estimators.attack_prior import AttackLaw, prior_mixture
-from nodes.estimators.commanded_input import CommandedInput
+from nodes.estimators.attack_model import MomentRule
+from nodes.estimators.attack_prior import AttackLaw
 from nodes.estimators.gaussian_mixture import Mixture, joined, moments
 from nodes.estimators.hybrid_density import (
-    Density,
     Origin,
     Reduction,
     Seen,
     Switching,
     correct_density,
     injection,
-    predict,
-    predict_without_feedthrough,
     settle,
-    start,
     substitution,
 )
+from nodes.estimators.hybrid_filter import HybridFilter, signal_diagnostics
 from nodes.estimators.packet_sets import FakeBox, packet_sets
 
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 
-
-class HybridBernoulli:
+class HybridBernoulli(HybridFilter):
     """A Bayesian filter of the joint law of attack and state, as two Gaussian mixtures (Forti et al. 2019).
 
     The plant is ``x+ = A x + G a + w`` and a sensor measures ``y = C x + H a + v``, where ``a`` acts while
@@ -94,9 +89,6 @@ class HybridBernoulli:
         When the models do not fit one another, or some direction of the signal shows in no measurement.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-    rounds: int = 0
-
     def __init__(
         self,
         setting: Setting,
@@ -111,33 +103,28 @@ class HybridBernoulli:
         correction: Literal["by_arrival", "injection"] = "by_arrival",
         update: Literal["bayes", "jise"] = "bayes",
         feedthrough: bool = True,
-        moments: Literal["linear", "ekf", "ukf"] = "linear",
+        moments: MomentRule = "linear",
         pruning: Probability = 1e-3,
         merging: Annotated[float, Ge(0.0)] = 3.0,
         max_components: Annotated[int, Ge(1)] = 50,
         output: Literal["map", "mmse"] = "map",
     ) -> None:
-        self._prior = prior_mixture(attack_prior, setting.name)
-        q = self._prior.means.shape[1]
-        self._model = AttackModel(setting, q, moments, feedthrough)
-        self._sizes = {name: sensor.noise.shape[0] for name, sensor in self._model.sensors.items()}
+        super().__init__(
+            setting,
+            attack_prior,
+            moments=moments,
+            feedthrough=feedthrough,
+            switching=Switching(attack_birth, attack_survival),
+            initial_attack_probability=initial_attack_probability,
+        )
         self._fakes = {name: fakes.law(size) for name, size in self._sizes.items()}
-        self._input = CommandedInput(setting.plant)
         self._delivery, self._substitution = delivery, substitution
         self._by_arrival = correction == "by_arrival"
         self._unknown = update == "jise"
-        self._feedthrough = feedthrough
-        self._switching = Switching(attack_birth, attack_survival)
-        self._initial_probability = initial_attack_probability
         self._reduction = Reduction(pruning, merging, max_components)
         self._output = output
-        self._density = self._before_the_first(setting)
         self._seen: dict[str, Seen] = {}
         self._detections: list[Detection] = []
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._input.take(packets)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict from the step before, then correct by this step's packets; nothing is sent."""
@@ -162,10 +149,6 @@ class HybridBernoulli:
         self._density = settle(density, self._reduction)
         return None
 
-    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Do nothing: the filter works alone."""
-        return None
-
     def estimate(self, step: int) -> Belief:
         """Return the state, and the verdict on each packet: the probability that it is fake.
 
@@ -176,17 +159,14 @@ class HybridBernoulli:
         """
         r = self._density.attack_probability()
         state, covariance = self._state(r)
-        signal, signal_covariance = self._signal()
-        sigma = np.sqrt(np.maximum(signal_covariance.diagonal(), 0.0))
         diagnostics = {
             "attack_probability": r,
-            "attack_step": float(step if self._feedthrough else step - 1),
+            "attack_step": self._attack_step(step),
             "components": float(self._density.safe.size),
             "components_attacked": float(self._density.attacked.size),
             "genuine_packets": float(sum(seen.is_genuine for seen in self._seen.values())),
+            **signal_diagnostics(*self._signal()),
         }
-        diagnostics |= {f"a{i}": value for i, value in enumerate(signal.tolist())}
-        diagnostics |= {f"a{i}_sigma": value for i, value in enumerate(sigma.tolist())}
         return Belief(
             state,
             covariance,
@@ -194,21 +174,6 @@ class HybridBernoulli:
             nis_dof=sum(seen.nis_dof for seen in self._seen.values()),
             detections=self._detections,
             diagnostics=diagnostics,
-        )
-
-    def _before_the_first(self, setting: Setting) -> Density:
-        """Return the law before step 0; without feedthrough there was no step of which to find the attack."""
-        plant = setting.plant
-        probability = self._initial_probability if self._feedthrough else 0.0
-        return start(plant.initial_mean, plant.initial_covariance, self._prior, probability)
-
-    def _predicted(self, step: int) -> Density:
-        if self._feedthrough:
-            return predict(self._density, self._model, self._prior, self._switching, self._input.effect)
-        birth = self._initial_probability if step == 1 else self._switching.birth
-        switching = self._switching._replace(birth=birth)
-        return predict_without_feedthrough(
-            self._density, self._model, self._prior, switching, self._input.effect
         )
 
     def _origin(self, source: str, values: Matrix) -> Origin:

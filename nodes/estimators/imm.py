@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Interval
 
 from bus.packets import Packet, Vector
+from bus.quantities import Probability
 from nodes.contract import Belief, Setting
-from nodes.estimators.attack_model import AttackModel
-from nodes.estimators.attack_prior import AttackLaw, prior_mixture
-from nodes.estimators.commanded_input import CommandedInput
+from nodes.estimators.attack_prior import AttackLaw
 from nodes.estimators.gaussian_mixture import Mixture, joined, merge, moments
 from nodes.estimators.hybrid_density import (
     Density,
@@ -21,20 +18,17 @@ from nodes.estimators.hybrid_density import (
     Reduction,
     Switching,
     correct_density,
-    predict,
-    predict_without_feedthrough,
     settle,
-    start,
 )
+from nodes.estimators.hybrid_filter import HybridFilter, signal_diagnostics
 from nodes.estimators.packet_sets import packet_sets, pooled
 
-Probability = Annotated[float, Interval(ge=0.0, le=1.0)]
 _EVERYTHING = math.inf
 _GENUINE = Origin(-math.inf, np.zeros(1))
 _ONE_EACH = Reduction(0.0, _EVERYTHING, 1)
 
 
-class Imm:
+class Imm(HybridFilter):
     """Two Kalman filters, one of which sees the attack's signal as noise of law ``attack_prior``.
 
     Before every prediction the laws of both modes are mixed into one Gaussian for each. The filter knows of
@@ -59,9 +53,6 @@ class Imm:
         When a model is not linear, or some direction of the signal shows in no measurement.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-    rounds: int = 0
-
     def __init__(
         self,
         setting: Setting,
@@ -72,22 +63,15 @@ class Imm:
         initial_attack_probability: Probability = 0.1,
         feedthrough: bool = True,
     ) -> None:
-        self._prior = prior_mixture([attack_prior], setting.name)
-        self._model = AttackModel(setting, self._prior.means.shape[1], "linear", feedthrough)
-        self._sizes = {name: len(sensor.noise) for name, sensor in self._model.sensors.items()}
-        self._feedthrough = feedthrough
-        self._switching = Switching(attack_birth, attack_survival)
-        self._initial_probability = initial_attack_probability
-        self._input = CommandedInput(setting.plant)
-        plant = setting.plant
-        at_start = initial_attack_probability if feedthrough else 0.0
-        self._density = start(plant.initial_mean, plant.initial_covariance, self._prior, at_start)
+        super().__init__(
+            setting,
+            [attack_prior],
+            feedthrough=feedthrough,
+            switching=Switching(attack_birth, attack_survival),
+            initial_attack_probability=initial_attack_probability,
+        )
         self._nis = 0.0
         self._nis_dof = 0
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._input.take(packets)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Mix and predict, then correct both modes by this step's packets; nothing is sent."""
@@ -111,10 +95,6 @@ class Imm:
         self._density = settle(density, _ONE_EACH)
         return None
 
-    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Do nothing: the filter works alone."""
-        return None
-
     def estimate(self, step: int) -> Belief:
         """Return mean and covariance over both modes.
 
@@ -125,29 +105,16 @@ class Imm:
         safe, attacked = self._density
         marginal = Mixture(attacked.log_weights, attacked.means[:, :n], attacked.covariances[:, :n, :n])
         state, covariance = moments(joined(safe, marginal))
-        signal, spread = self._prior.means[0], self._prior.covariances[0]
-        if attacked.size:
-            signal, spread = attacked.means[0, n:], attacked.covariances[0, n:, n:]
         diagnostics = {
             "attack_probability": self._density.attack_probability(),
-            "attack_step": float(step if self._feedthrough else step - 1),
+            "attack_step": self._attack_step(step),
+            **signal_diagnostics(*self._only_signal()),
         }
-        diagnostics |= {f"a{i}": value for i, value in enumerate(signal.tolist())}
-        sigma = np.sqrt(np.maximum(spread.diagonal(), 0.0))
-        diagnostics |= {f"a{i}_sigma": value for i, value in enumerate(sigma.tolist())}
         return Belief(state, covariance, nis=self._nis, nis_dof=self._nis_dof, diagnostics=diagnostics)
 
     def _mixed(self, step: int) -> Density:
         """Return the predicted laws, of one component for each mode."""
-        if self._feedthrough:
-            predicted = predict(self._density, self._model, self._prior, self._switching, self._input.effect)
-        else:
-            birth = self._initial_probability if step == 1 else self._switching.birth
-            switching = self._switching._replace(birth=birth)
-            predicted = predict_without_feedthrough(
-                self._density, self._model, self._prior, switching, self._input.effect
-            )
-        safe, attacked = predicted
+        safe, attacked = self._predicted(step)
         entry, free = attacked.entry, attacked.free
         one = merge(attacked, _EVERYTHING)
         return Density(

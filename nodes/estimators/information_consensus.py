@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Matrix, Setting
-from nodes.estimators.local_model import ConsensusWeights, LocalFilter, arrived, inverse, no_information
+from nodes.contract import Matrix, Setting
+from nodes.estimators.local_model import ConsensusWeights, NetworkedFilter, arrived, inverse, no_information
 
 
-class InformationConsensus:
+class InformationConsensus(NetworkedFilter):
     """A Kalman filter whose information is averaged with that of the neighbours, several times a step.
 
     Each node takes ``Omega = P^-1 + omega C' R^-1 C`` and ``q = P^-1 x^- + omega C' R^-1 y``, and R times
@@ -49,8 +49,6 @@ class InformationConsensus:
         singular, or the weights cannot be those of a mean.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-
     def __init__(
         self,
         setting: Setting,
@@ -59,17 +57,12 @@ class InformationConsensus:
         omega: Annotated[float, Gt(0.0)] = 1.0,
         consensus_on: Literal["information", "measurements"] = "information",
     ) -> None:
-        self.rounds = rounds_per_step if setting.neighbours else 0
-        self._filter = LocalFilter(setting)
+        super().__init__(setting, rounds=rounds_per_step)
         self._weights = ConsensusWeights(setting)
         self._omega = omega
         self._with_prior = consensus_on == "information"
         self._pair: Vector = np.empty(0)
         self._prior: tuple[Vector, Matrix] = no_information(len(self._filter.state))
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._filter.control(packets)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict, and return the information of the node's own measurements, with its prior or without."""
@@ -102,10 +95,3 @@ class InformationConsensus:
             vector, matrix = vector + self._prior[0], matrix + self._prior[1]
         own.covariance = inverse(matrix)
         own.state = own.covariance.dot(vector)
-
-    def estimate(self, step: int) -> Belief:
-        """Return the fused state and covariance.
-
-        Diagnostics: ``neighbours_received`` counts the payloads that arrived in all rounds.
-        """
-        return self._filter.belief()

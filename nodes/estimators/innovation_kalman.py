@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Gt
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Detection, Matrix, Setting
+from nodes.contract import Detection, Matrix, Setting
 from nodes.estimators.linear_gaussian import Dynamics, mahalanobis_squared
+from nodes.estimators.solitary import SolitaryGaussian
 from nodes.linear_algebra import symmetrise
 from nodes.sensors.innovation import Innovation
 
 
-class InnovationKalman:
+class InnovationKalman(SolitaryGaussian):
     """Follows the filter of one smart sensor: ``x^ = A x^ + K z`` (Guo, Shi, Johansson, Shi 2017).
 
     Its error is that of the sensor's own filter, and, where an innovation is missing, what it missed:
@@ -40,9 +41,6 @@ class InnovationKalman:
         When it does not listen to exactly one smart sensor, or there is nothing that could reject.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-    rounds: int = 0
-
     def __init__(
         self,
         setting: Setting,
@@ -60,14 +58,10 @@ class InnovationKalman:
             )
         self._gains = first.filter_gains()
         self._dynamics = Dynamics(setting)
+        super().__init__(setting)
         self._threshold = threshold
         self._rejects = on_alarm == "reject"
-        self._state: Vector = setting.plant.initial_mean
         self._missed: Matrix = np.zeros_like(self._dynamics.A)
-        self._covariance: Matrix = setting.plant.initial_covariance
-        self._nis = 0.0
-        self._nis_dof = 0
-        self._detections: Sequence[Detection] = ()
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict from the step before, then add what this step's innovation asks for; nothing is sent."""
@@ -91,17 +85,3 @@ class InnovationKalman:
             self._missed = self._missed + gain.K.dot(gain.S).dot(gain.K.T)
         self._covariance = gain.P + self._missed
         return None
-
-    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Do nothing: the estimator works alone."""
-        return None
-
-    def estimate(self, step: int) -> Belief:
-        """Return the state, the covariance of its error, and the detector's verdict."""
-        return Belief(
-            self._state,
-            self._covariance,
-            nis=self._nis,
-            nis_dof=self._nis_dof,
-            detections=self._detections,
-        )

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Literal
 
 import numpy as np
 
 from bus.packets import Packet, Vector
 from nodes.contract import Belief, Setting
-from nodes.estimators.attack_model import AttackModel
-from nodes.estimators.attack_prior import AttackLaw, prior_mixture
-from nodes.estimators.commanded_input import CommandedInput
+from nodes.estimators.attack_prior import AttackLaw
 from nodes.estimators.hybrid_density import (
     Density,
     Reduction,
     Switching,
-    predict,
-    predict_without_feedthrough,
     sensor_under_attack,
     settle,
-    start,
 )
+from nodes.estimators.hybrid_filter import HybridFilter, signal_diagnostics
 from nodes.estimators.joint_input_state import joseph, unknown_signal
 from nodes.estimators.packet_sets import packet_sets, pooled
 
@@ -29,7 +24,7 @@ _ALWAYS = Switching(1.0, 1.0)
 _ALL = Reduction(0.0, 0.0, 1)
 
 
-class Jise:
+class Jise(HybridFilter):
     """The unbiased minimum-variance filter of state and unknown signal, always under attack.
 
     It takes the signal as unknown in every step, with feedthrough (``y = C x + H a + v``; Automatica 43(5))
@@ -52,41 +47,25 @@ class Jise:
         When a model is not linear, or some direction of the signal shows in no measurement.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-    rounds: int = 0
-
     def __init__(self, setting: Setting, *, attack_prior: AttackLaw, feedthrough: bool = True) -> None:
-        self._prior = prior_mixture([attack_prior], setting.name)
-        self._model = AttackModel(setting, self._prior.means.shape[1], "linear", feedthrough)
-        self._sizes = {name: len(sensor.noise) for name, sensor in self._model.sensors.items()}
-        self._feedthrough = feedthrough
-        self._input = CommandedInput(setting.plant)
-        self._density = start(
-            setting.plant.initial_mean,
-            setting.plant.initial_covariance,
-            self._prior,
-            1.0 if feedthrough else 0.0,
+        super().__init__(
+            setting,
+            [attack_prior],
+            feedthrough=feedthrough,
+            switching=_ALWAYS,
+            initial_attack_probability=1.0,
         )
         self._nis = 0.0
         self._nis_dof = 0
 
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._input.take(packets)
-
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict from the step before, then correct by this step's packets; nothing is sent."""
         if step > 0:
-            move = predict if self._feedthrough else predict_without_feedthrough
-            self._density = move(self._density, self._model, self._prior, _ALWAYS, self._input.effect)
+            self._density = self._predicted(step)
         self._nis, self._nis_dof = 0.0, 0
         for source, members in packet_sets(step, packets, self._sizes).items():
             self._take(source, members)
         self._density = settle(self._density, _ALL)
-        return None
-
-    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Do nothing: the filter works alone."""
         return None
 
     def estimate(self, step: int) -> Belief:
@@ -97,19 +76,15 @@ class Jise:
         n = self._model.n
         safe, attacked = self._density
         state, covariance = (attacked if attacked.size else safe)[1:3]
-        signal, spread = self._prior.means[0], self._prior.covariances[0]
-        if attacked.size:
-            signal, spread = attacked.means[0, n:], attacked.covariances[0, n:, n:]
-        sigma = np.sqrt(np.maximum(spread.diagonal(), 0.0))
-        diagnostics = {"attack_step": float(step if self._feedthrough else step - 1)}
-        diagnostics |= {f"a{i}": value for i, value in enumerate(signal.tolist())}
-        diagnostics |= {f"a{i}_sigma": value for i, value in enumerate(sigma.tolist())}
         return Belief(
             state[0, :n].copy(),
             covariance[0, :n, :n].copy(),
             nis=self._nis,
             nis_dof=self._nis_dof,
-            diagnostics=diagnostics,
+            diagnostics={
+                "attack_step": self._attack_step(step),
+                **signal_diagnostics(*self._only_signal()),
+            },
         )
 
     def _take(self, source: str, members: Sequence[Packet]) -> None:

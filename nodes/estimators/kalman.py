@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Gt
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Detection, Setting
-from nodes.estimators.commanded_input import CommandedInput
+from nodes.contract import Detection, Setting
+from nodes.estimators.commanded_input import Commanded, CommandedInput
 from nodes.estimators.linear_gaussian import (
     Correction,
     Dynamics,
@@ -18,9 +18,10 @@ from nodes.estimators.linear_gaussian import (
     correct,
     mahalanobis_squared,
 )
+from nodes.estimators.solitary import SolitaryGaussian
 
 
-class Kalman:
+class Kalman(Commanded, SolitaryGaussian):
     """A Kalman filter on the packets of the sensors that it listens to, without neighbours (Kalman 1960).
 
     The prior of step 0 is the plant's initial law; the measurements of step 0 already correct it. The
@@ -48,9 +49,6 @@ class Kalman:
         could reject.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-    rounds: int = 0
-
     def __init__(
         self,
         setting: Setting,
@@ -65,15 +63,7 @@ class Kalman:
         self._dynamics = Dynamics(setting)
         self._sensors = SensorBank(setting)
         self._input = CommandedInput(setting.plant)
-        self._state = setting.plant.initial_mean
-        self._covariance = setting.plant.initial_covariance
-        self._nis = 0.0
-        self._nis_dof = 0
-        self._detections: Sequence[Detection] = ()
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._input.take(packets)
+        super().__init__(setting)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict from the step before, then correct by this step's measurements; nothing is sent."""
@@ -91,20 +81,6 @@ class Kalman:
             else:
                 self._judge(current, correction, self._threshold)
         return None
-
-    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Do nothing: the filter works alone."""
-        return None
-
-    def estimate(self, step: int) -> Belief:
-        """Return the filtered state, its error covariance, and the detector's verdicts."""
-        return Belief(
-            self._state,
-            self._covariance,
-            nis=self._nis,
-            nis_dof=self._nis_dof,
-            detections=self._detections,
-        )
 
     def _judge(self, packets: Sequence[Packet], correction: Correction, threshold: float) -> None:
         """Give the verdicts on the packets of a joint correction, and correct by what is left."""

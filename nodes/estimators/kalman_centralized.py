@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import ClassVar
 
+from nodes.contract import Listens
 from nodes.estimators.kalman import Kalman
 
 
@@ -14,4 +15,4 @@ class KalmanCentralized(Kalman):
     mathematics is that of `Kalman`; only whom it listens to, unless the topology says otherwise, differs.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "all"
+    listens: ClassVar[Listens] = "all"

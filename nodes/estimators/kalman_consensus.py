@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Setting
-from nodes.estimators.local_model import LocalFilter, arrived, no_information
+from nodes.contract import Setting
+from nodes.estimators.local_model import NetworkedFilter, arrived, no_information
 
 
-class KalmanConsensus:
+class KalmanConsensus(NetworkedFilter):
     """A filter on the measurements of a node and its neighbours, drawn towards the neighbours' predictions.
 
     With ``y = sum_j C_j' R_j^-1 y_j`` and ``S = sum_j C_j' R_j^-1 C_j`` over the node and the neighbours
@@ -43,20 +43,13 @@ class KalmanConsensus:
         law is.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-
     def __init__(
         self, setting: Setting, *, gain: Annotated[float, Ge(0.0)] = 0.1, share_measurements: bool = True
     ) -> None:
-        self.rounds = 1 if setting.neighbours else 0
-        self._filter = LocalFilter(setting)
+        super().__init__(setting, rounds=1)
         self._gain = gain
         self._shares = share_measurements
         self._vector, self._matrix = no_information(len(self._filter.state))
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._filter.control(packets)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict; return the node's information and its prediction (n + n * n + n)."""
@@ -82,10 +75,3 @@ class KalmanConsensus:
         gamma = self._gain / (1.0 + float(np.linalg.norm(covariance)))
         own.state = own.state + gamma * covariance.dot(pull)
         return None
-
-    def estimate(self, step: int) -> Belief:
-        """Return the corrected state, and the covariance that it would have without consensus term.
-
-        Diagnostics: ``neighbours_received`` counts the neighbours that arrived.
-        """
-        return self._filter.belief()

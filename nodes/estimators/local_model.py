@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, LinearPlant, LinearSensor, Matrix, Setting
+from nodes.contract import Belief, LinearPlant, LinearSensor, Listens, Matrix, Setting
 from nodes.estimators.arrivals import measurements
 from nodes.estimators.commanded_input import CommandedInput
 from nodes.estimators.linear_gaussian import (
@@ -18,7 +18,7 @@ from nodes.estimators.linear_gaussian import (
     cholesky,
     mahalanobis_squared,
 )
-from nodes.estimators.nonlinear_gaussian import block_diagonal, nonlinear_plant, nonlinear_sensors
+from nodes.estimators.nonlinear_gaussian import linearise, nonlinear_plant, nonlinear_sensors, propagate
 from nodes.lapack import dpotrf, dtrtrs
 
 
@@ -75,21 +75,12 @@ class LinearisedModel:
 
     def predict(self, state: Vector, covariance: Matrix) -> tuple[Vector, Matrix]:
         """Return ``f(x)`` and ``F P F' + Q`` with the Jacobian F at x."""
-        F = self._plant.jacobian(state)
-        half = 0.5 * F.dot(covariance).dot(F.T)
-        return self._plant.transition(state[None])[0], half + half.T + self._plant.Q
+        return propagate(self._plant, state, covariance)
 
     def measured(self, step: int, state: Vector, packets: Sequence[Packet]) -> Linearised | None:
         """Return ``y - g(x) + C x`` with the Jacobian C at x."""
         current = measurements(step, packets, self._sizes)
-        if not current:
-            return None
-        sensors = [self._sensors[packet.source] for packet in current]
-        C = np.concatenate([sensor.jacobian(state) for sensor in sensors])
-        predicted = np.concatenate([sensor.measure(state[None])[0] for sensor in sensors])
-        values = np.concatenate([packet.values for packet in current])
-        model = Measurement(C, block_diagonal([sensor.R for sensor in sensors]))
-        return Linearised(model, values - predicted + C.dot(state))
+        return Linearised(*linearise(self._sensors, state, current)) if current else None
 
 
 class LocalFilter:
@@ -166,6 +157,28 @@ class LocalFilter:
         whitened = dtrtrs(inner, root.T, lower=1)[0]
         self.covariance = whitened.T.dot(whitened)
         self.state = self.state + self.covariance.dot(vector - matrix.dot(self.state))
+
+
+class NetworkedFilter:
+    """A method of several nodes, each around its `LocalFilter`, whose belief it publishes."""
+
+    listens: ClassVar[Listens] = "paired"
+
+    def __init__(self, setting: Setting, *, rounds: int) -> None:
+        self.rounds = rounds if setting.neighbours else 0
+        self._filter = LocalFilter(setting)
+
+    def control(self, step: int, packets: Sequence[Packet]) -> None:
+        """Take the input that was commanded in ``step``, for the prediction that follows."""
+        self._filter.control(packets)
+
+    def estimate(self, step: int) -> Belief:
+        """Return the state, and the covariance that the method has for it.
+
+        Diagnostics: ``neighbours_received`` counts the payloads of neighbours that arrived, in all rounds
+        unless `exchange` says otherwise.
+        """
+        return self._filter.belief()
 
 
 def no_information(size: int) -> tuple[Vector, Matrix]:

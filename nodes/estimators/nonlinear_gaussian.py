@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar, Literal
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Matrix, NonlinearPlant, NonlinearSensor, Setting
+from nodes.contract import Matrix, NonlinearPlant, NonlinearSensor, Setting
 from nodes.estimators.arrivals import measurements
-from nodes.estimators.commanded_input import CommandedInput
-from nodes.estimators.linear_gaussian import refuse_innovations
+from nodes.estimators.commanded_input import Commanded, CommandedInput
+from nodes.estimators.linear_gaussian import Measurement, refuse_innovations
+from nodes.estimators.solitary import SolitaryGaussian
 from nodes.lapack import dpotrf
 
 
@@ -42,25 +42,19 @@ def nonlinear_sensors(setting: Setting) -> dict[str, NonlinearSensor]:
     return models
 
 
-class NonlinearKalman(ABC):
+class NonlinearKalman(Commanded, SolitaryGaussian, ABC):
     """A filter that keeps a mean and a covariance, and takes the packets of a step jointly.
 
     The prior of step 0 is the plant's initial law. A step without packets only predicts, and a packet sent
     in an earlier step is not used. A commanded input adds ``B u`` to the prediction, as for `Kalman`.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-    rounds: int = 0
-
     def __init__(self, setting: Setting) -> None:
         self._plant = nonlinear_plant(setting)
         self._sensors = nonlinear_sensors(setting)
+        super().__init__(setting)
         self._input = CommandedInput(setting.plant)
         self._sizes = {name: len(sensor.R) for name, sensor in self._sensors.items()}
-        self._state = setting.plant.initial_mean
-        self._covariance = setting.plant.initial_covariance
-        self._nis = 0.0
-        self._nis_dof = 0
 
     @abstractmethod
     def _predict(self) -> None:
@@ -69,10 +63,6 @@ class NonlinearKalman(ABC):
     @abstractmethod
     def _update(self, packets: Sequence[Packet]) -> None:
         """Correct by at least one packet of this step, and set the NIS and its degrees of freedom."""
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._input.take(packets)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict from the step before, then correct by this step's measurements; nothing is sent."""
@@ -85,13 +75,24 @@ class NonlinearKalman(ABC):
             self._update(current)
         return None
 
-    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Do nothing: the filter works alone."""
-        return None
 
-    def estimate(self, step: int) -> Belief:
-        """Return the filtered state and its error covariance, which is approximate."""
-        return Belief(self._state, self._covariance, nis=self._nis, nis_dof=self._nis_dof)
+def propagate(plant: NonlinearPlant, state: Vector, covariance: Matrix) -> tuple[Vector, Matrix]:
+    """Return ``f(x)`` (n,) and ``F P F' + Q`` (n, n), exactly symmetric, with the Jacobian F at x."""
+    F = plant.jacobian(state)
+    half = 0.5 * F.dot(covariance).dot(F.T)
+    return plant.transition(state[None])[0], half + half.T + plant.Q
+
+
+def linearise(
+    sensors: Mapping[str, NonlinearSensor], state: Vector, packets: Sequence[Packet]
+) -> tuple[Measurement, Vector]:
+    """Return at least one packet as a linear measurement ``y - g(x) + C x`` with the Jacobian C at x."""
+    measuring = [sensors[packet.source] for packet in packets]
+    C = np.concatenate([sensor.jacobian(state) for sensor in measuring])
+    predicted = np.concatenate([sensor.measure(state[None])[0] for sensor in measuring])
+    values = np.concatenate([packet.values for packet in packets])
+    model = Measurement(C, block_diagonal([sensor.R for sensor in measuring]))
+    return model, values - predicted + C.dot(state)
 
 
 def block_diagonal(blocks: Sequence[Matrix]) -> Matrix:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Interval
@@ -12,7 +12,7 @@ from bus.packets import Packet, Vector
 from bus.random_streams import sequential_streams
 from nodes.contract import Belief, LikelihoodSensor, Matrix, SampledPlant, Setting
 from nodes.estimators.arrivals import measurements
-from nodes.estimators.commanded_input import CommandedInput
+from nodes.estimators.commanded_input import Commanded, CommandedInput
 from nodes.estimators.linear_gaussian import refuse_innovations
 from nodes.estimators.particle_moments import (
     Moments,
@@ -21,9 +21,10 @@ from nodes.estimators.particle_moments import (
     stacked_noise,
 )
 from nodes.estimators.resampling import SCHEMES, Scheme, effective_sample_size
+from nodes.estimators.solitary import Solitary
 
 
-class Particle:
+class Particle(Commanded, Solitary):
     """A particle filter that draws from the plant and weighs by the sensors' likelihoods.
 
     Without resampling it is sequential importance sampling (SIS; Sadeghzadeh-Nokhodberiz 2022, eqs (5)-(7)),
@@ -53,9 +54,6 @@ class Particle:
     ValueError
         When the plant cannot be sampled, or a sensor has no likelihood.
     """
-
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-    rounds: int = 0
 
     def __init__(
         self,
@@ -93,10 +91,6 @@ class Particle:
         """Return the number of particles that the method needs for a state of n components."""
         return 2
 
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``; ``B u`` is added to the particles that follow."""
-        self._input.take(packets)
-
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Move the particles, then weigh them by this step's measurements; nothing is sent."""
         if step == 0:
@@ -107,10 +101,6 @@ class Particle:
         current = measurements(step, packets, self._sizes)
         if current:
             self._weigh(current)
-        return None
-
-    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Do nothing: the filter works alone."""
         return None
 
     def estimate(self, step: int) -> Belief:

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Interval
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Detection, Setting
-from nodes.estimators.commanded_input import CommandedInput
+from bus.quantities import Probability
+from nodes.contract import Detection, Setting
+from nodes.estimators.commanded_input import Commanded, CommandedInput
 from nodes.estimators.gaussian_mixture import Mixture, log_sum, moments
 from nodes.estimators.hybrid_density import injection
 from nodes.estimators.joint_input_state import Linearised, correct
 from nodes.estimators.linear_gaussian import Dynamics, SensorBank
 from nodes.estimators.packet_sets import FakeBox, packet_sets
+from nodes.estimators.solitary import SolitaryGaussian
 
 
-class ProbabilisticDataAssociation:
+class ProbabilisticDataAssociation(Commanded, SolitaryGaussian):
     """A Kalman filter that weighs which packet of a sensor is genuine, if any, and keeps one Gaussian.
 
     Of the n packets of a sensor each is the genuine one with a weight of ``p_d l(y) / (n kappa)``, and none
     is with ``1 - p_d``; there is no gate. The law after it has the moments of this mixture. Sensors are taken
-    one after the other.
+    one after the other. The NIS is that of the likeliest packet of each sensor.
 
     Parameters
     ----------
@@ -40,31 +40,22 @@ class ProbabilisticDataAssociation:
         When a model is not linear, or a sensor's noise is singular.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
-    rounds: int = 0
+    _detections: list[Detection]
 
     def __init__(
         self,
         setting: Setting,
         *,
         fakes: FakeBox,
-        delivery: Annotated[float, Interval(ge=0.0, le=1.0)] = 1.0,
+        delivery: Probability = 1.0,
     ) -> None:
         self._dynamics = Dynamics(setting)
         self._models = SensorBank(setting).models
+        super().__init__(setting)
         self._sizes = {name: len(model.C) for name, model in self._models.items()}
         self._fakes = {name: fakes.law(size) for name, size in self._sizes.items()}
         self._delivery = delivery
         self._input = CommandedInput(setting.plant)
-        self._state = setting.plant.initial_mean
-        self._covariance = setting.plant.initial_covariance
-        self._nis = 0.0
-        self._nis_dof = 0
-        self._detections: list[Detection] = []
-
-    def control(self, step: int, packets: Sequence[Packet]) -> None:
-        """Take the input that was commanded in ``step``, for the prediction that follows."""
-        self._input.take(packets)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:
         """Predict from the step before, then correct by this step's packets; nothing is sent."""
@@ -75,20 +66,6 @@ class ProbabilisticDataAssociation:
         for source, members in packet_sets(step, packets, self._sizes).items():
             self._take(source, members)
         return None
-
-    def exchange(self, step: int, round_: int, packets: Sequence[Packet]) -> Vector | None:
-        """Do nothing: the filter works alone."""
-        return None
-
-    def estimate(self, step: int) -> Belief:
-        """Return state and covariance; NIS is that of the likeliest packet of each sensor."""
-        return Belief(
-            self._state,
-            self._covariance,
-            nis=self._nis,
-            nis_dof=self._nis_dof,
-            detections=self._detections,
-        )
 
     def _take(self, source: str, members: Sequence[Packet]) -> None:
         """Correct by the packets of one sensor."""

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Lt
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Detection, Matrix, Setting
+from nodes.contract import Belief, Detection, Listens, Matrix, Setting
 from nodes.estimators.covariance_bounds import LowerBound
 from nodes.estimators.linear_gaussian import (
     Correction,
@@ -71,7 +71,7 @@ class SecureDistributed:
         they sum to more than 1, or the readmission has nothing to work on.
     """
 
-    listens: ClassVar[Literal["paired", "all"]] = "paired"
+    listens: ClassVar[Listens] = "paired"
 
     def __init__(
         self,

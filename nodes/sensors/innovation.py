@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
 from bus.packets import Vector
 from nodes.contract import LinearPlant, Matrix, Plant
-from nodes.filter_gains import FilterGains
+from nodes.filter_gains import FilterGains, GainKind
 from nodes.gaussian import Gaussian
 from nodes.sensors.linear import Linear
 
@@ -50,7 +50,7 @@ class Innovation(Linear):
         C: list[list[float]],
         noise: Gaussian,
         H: list[list[float]] | None = None,
-        gains: Literal["steady", "time_varying"] = "time_varying",
+        gains: GainKind = "time_varying",
     ) -> None:
         super().__init__(plant, C=C, noise=noise, H=H)
         if not isinstance(plant, LinearPlant) or getattr(plant, "B", np.zeros(0)).size:

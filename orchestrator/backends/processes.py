@@ -18,7 +18,8 @@ from bus.intake import Intake
 from bus.messages import Credit, Finished, decoder, encode
 from bus.plan import Plan
 from bus.process import Membership, rounds_of_topics
-from bus.zenoh_bus import BusError, Router
+from bus.zenoh.router import Router
+from bus.zenoh.session import BusError
 from orchestrator.backends.contract import Progress, RunFailedError, RunSettings, Timing
 from orchestrator.backends.departures import Departures, dependents
 from orchestrator.backends.fleet import Fleet, is_stopped

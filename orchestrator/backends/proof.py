@@ -6,7 +6,7 @@ from bus import keys
 from bus.grants import CHANNEL
 from bus.plan import Plan
 from bus.refusals import Probe, prove_refusals
-from bus.zenoh_bus import Router
+from bus.zenoh.router import Router
 
 
 def probes(plan: Plan, run: str) -> list[Probe]:
@@ -30,7 +30,7 @@ def probes(plan: Plan, run: str) -> list[Probe]:
 
 
 def prove_the_rules(router: Router, plan: Plan, run: str) -> None:
-    """Raise `bus.zenoh_bus.BusError` unless the router refuses what this run's rules forbid.
+    """Raise `bus.zenoh.session.BusError` unless the router refuses what this run's rules forbid.
 
     An estimator hears no truth and speaks in no other's name; nobody but the plant says what is true.
     """

@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from orchestrator import exit_codes
+from orchestrator.choices import Backend
 from orchestrator.command_line import log_commands
 from orchestrator.command_line.compare import compare
 from orchestrator.command_line.fit import fit
 from orchestrator.command_line.launch import launch
+from orchestrator.command_line.options import Json
 from orchestrator.command_line.output import (
     fail,
     outlive_readers,
@@ -69,7 +71,6 @@ Overrides = Annotated[
     ),
 ]
 Seed = Annotated[int | None, typer.Option(help="Override the topology's seed.", min=0)]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -99,7 +100,7 @@ def run(
     seed: Seed = None,
     overrides: Overrides = None,
     backend: Annotated[
-        Literal["processes", "inprocess"] | None,
+        Backend | None,
         typer.Option(
             help="One process a node, or all in this one; the log is the same. Default: the file's.",
             show_default=False,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from orchestrator.command_line.options import Json
 from orchestrator.command_line.output import print_json, verdict_console
 
 if TYPE_CHECKING:
@@ -43,9 +44,7 @@ def compare(
     out: Annotated[
         Path | None, typer.Option(help="Write the JSON into this file too.", show_default=False)
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")
-    ] = False,
+    json: Json = False,
 ) -> None:
     """Compare estimators, runs or variants over common trials, and say which is better."""
     from orchestrator.evidence.chosen import choose

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from orchestrator.command_line.options import Json
 from orchestrator.command_line.output import print_json
 
 
@@ -18,9 +19,7 @@ def fit(
     link: Annotated[
         str | None, typer.Option(help="Of a run: the link whose losses to fit, as in 's4->e4'.")
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")
-    ] = False,
+    json: Json = False,
 ) -> None:
     """Fit a Gilbert-Elliott channel to recorded losses, and print it as a topology states it."""
     from orchestrator.loss_traces import fits, read_losses

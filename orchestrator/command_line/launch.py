@@ -11,7 +11,8 @@ from orchestrator import exit_codes
 from orchestrator.command_line.output import fail, print_json, run_progress, verdict_console
 
 if TYPE_CHECKING:
-    from orchestrator.run import Backend, RunReport
+    from orchestrator.choices import Backend
+    from orchestrator.run import RunReport
     from orchestrator.topology.resolved import Topology
 
 

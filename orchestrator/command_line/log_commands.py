@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
+from orchestrator.choices import ExportFormat
+from orchestrator.command_line.options import Json
 from orchestrator.command_line.output import print_json
 from orchestrator.run_directory import log_in
 
@@ -18,7 +20,6 @@ LogFile = Annotated[
         metavar="LOG", help="A run's MCAP file, or its directory.", show_default=False, callback=log_in
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")]
 
 
 @app.command()
@@ -58,7 +59,7 @@ def export(
     log: LogFile,
     out: Annotated[Path, typer.Option(help="The directory to write into.")],
     form: Annotated[
-        Literal["csv", "jsonl", "npz", "parquet"],
+        ExportFormat,
         typer.Option("--format", help="CSV or Parquet tables, JSON lines or NumPy."),
     ] = "csv",
     json: Json = False,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
+from orchestrator.choices import Backend
 from orchestrator.command_line.launch import launch
+from orchestrator.command_line.options import Json
 
 
 def replay(
@@ -23,15 +25,13 @@ def replay(
         ),
     ] = None,
     backend: Annotated[
-        Literal["processes", "inprocess"] | None,
+        Backend | None,
         typer.Option(
             help="One process a node, or all in one; the log is the same. Default: the topology's.",
             show_default=False,
         ),
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")
-    ] = False,
+    json: Json = False,
 ) -> None:
     """Run one trial of a campaign again, with its log, and compare its score with the campaign's row."""
     from orchestrator.campaign.replay import compared, directory_of_replay, topology_of_trial

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
+from orchestrator.choices import FigureFormat
 from orchestrator.command_line.output import print_json
 from orchestrator.errors import InputError
 
 Form = Annotated[
-    Literal["svg", "png"] | None,
+    FigureFormat | None,
     typer.Option(
         "--format", help="The kind of picture that --figures writes. Default: svg.", show_default=False
     ),
@@ -66,7 +67,7 @@ def report(
         typer.echo(f"wrote {path}")
 
 
-def picture_form(asked: Literal["svg", "png"] | None, figures: Path | None) -> Literal["svg", "png"]:
+def picture_form(asked: FigureFormat | None, figures: Path | None) -> FigureFormat:
     """Return the kind of picture to write; raises `InputError` where one is asked for and none is written."""
     if asked is not None and figures is None:
         raise InputError(

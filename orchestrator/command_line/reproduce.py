@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from orchestrator import exit_codes
+from orchestrator.command_line.options import DaskAddress, Jobs, Json
 from orchestrator.command_line.output import print_json
 from orchestrator.command_line.report import Form, picture_form
-from orchestrator.command_line.sweep import DaskAddress, Jobs, Json, carry_out, cpus
+from orchestrator.command_line.sweep import carry_out, cpus
 from orchestrator.errors import InputError
 
 if TYPE_CHECKING:

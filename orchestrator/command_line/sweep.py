@@ -11,22 +11,13 @@ import typer
 
 from orchestrator import exit_codes
 from orchestrator.command_line.campaign_output import print_summary, sweep_console, sweep_progress
+from orchestrator.command_line.options import DaskAddress, Jobs, Json
 from orchestrator.command_line.output import fail, print_json
 from orchestrator.interrupts import Interrupted
 
 if TYPE_CHECKING:
     from orchestrator.campaign.summary import Summary
     from orchestrator.campaign.sweep import Campaign
-
-Jobs = Annotated[
-    int | None,
-    typer.Option("--jobs", "-j", help="Worker processes. Default: one a CPU.", min=1, show_default=False),
-]
-DaskAddress = Annotated[
-    str | None,
-    typer.Option(metavar="ADDRESS", help="Run on the Dask cluster of this scheduler, as in tcp://host:8786."),
-]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")]
 
 
 @dataclass(frozen=True)

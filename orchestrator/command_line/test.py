@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from orchestrator.choices import Backend
 from orchestrator.command_line.output import fail
 
 if TYPE_CHECKING:
@@ -29,9 +30,7 @@ def run_tests(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Run every file at this seed.", show_default="each file's own")
     ] = None,
-    backend: Annotated[
-        Literal["processes", "inprocess"], typer.Option(help="One process a node, or all in one.")
-    ] = "inprocess",
+    backend: Annotated[Backend, typer.Option(help="One process a node, or all in one.")] = "inprocess",
     logs: Annotated[
         Path | None,
         typer.Option(help="Where logs of failing files are kept.", show_default="a new temporary folder"),

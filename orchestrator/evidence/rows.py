@@ -20,8 +20,9 @@ from orchestrator.score.accuracy import STATE
 from orchestrator.score.attack_beliefs import AttackBeliefs
 from orchestrator.score.catalogue import find_metric, metric_names
 from orchestrator.score.gather import Gathered, gather
+from orchestrator.score.link_results import AttackWindow
 from orchestrator.score.measure import LinkSet, link_value, measure, node_value, pooled_senders
-from orchestrator.score.results import AttackWindow, Score
+from orchestrator.score.results import Score
 from orchestrator.score.scoring import Evidence
 from orchestrator.topology.resolved import Topology
 from orchestrator.topology_score import score_topology

@@ -6,17 +6,17 @@ import csv
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
 
 from bus.messages import ChannelEvents, Estimate, Inbox, Message, Transmission, Truth
+from orchestrator.choices import ExportFormat
 from orchestrator.handoff.columns import COUNTS, event_rows, link_rows, packet_rows
 from orchestrator.log.errors import LogError
 from orchestrator.log.reader import Log, read_log
 
-Format = Literal["csv", "jsonl", "npz", "parquet"]
 Row = Sequence[Any]
 
 _SCALARS = frozenset({"step", "t", "nis", "refers_to"})
@@ -171,7 +171,7 @@ _WRITERS: dict[str, Callable[[Log, Path], list[Path]]] = {
 }
 
 
-def export(path: Path, form: Format, out: Path) -> list[Path]:
+def export(path: Path, form: ExportFormat, out: Path) -> list[Path]:
     """Write a log's content into files of a folder and return them; existing files are not overwritten.
 
     ``csv``: a table a kind (truth, estimates, detections, packets, links, events). ``jsonl``: one line a
@@ -180,7 +180,7 @@ def export(path: Path, form: Format, out: Path) -> list[Path]:
     diverged. ``parquet``: a typed table for each frame of `orchestrator.handoff.run.Run`.
     """
     if form not in _WRITERS:
-        raise LogError(f"there is no format {form!r}; take one of {', '.join(get_args(Format))}")
+        raise LogError(f"there is no format {form!r}; take one of {', '.join(get_args(ExportFormat))}")
     log = read_log(path)
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -7,17 +7,17 @@ import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
+from orchestrator.choices import FigureFormat
 from orchestrator.report.contents import Figure
 from orchestrator.report.errors import ReportError
 from orchestrator.report.page import MISSING
 from orchestrator.report.palette import LIGHT
 from orchestrator.report.payload import plotly_figure
 
-Format = Literal["svg", "png"]
 WIDTH = 900
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PATIENCE_S = 120.0
@@ -63,7 +63,7 @@ def _listed(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def export(figures: Sequence[Figure], out: Path, form: Format) -> list[Path]:
+def export(figures: Sequence[Figure], out: Path, form: FigureFormat) -> list[Path]:
     """Write each figure's first view into a folder as NAME.svg or NAME.png, and return the files.
 
     Raises `ReportError` when kaleido or a Chromium is missing, or the folder cannot be written.

@@ -10,7 +10,8 @@ from orchestrator.graph_drawing import Point, layout
 from orchestrator.report.contents import Figure, Trace, View
 from orchestrator.report.recording import Recording
 from orchestrator.score.judging import show
-from orchestrator.score.results import LinkScore, NodeScore, Score
+from orchestrator.score.link_results import LinkScore
+from orchestrator.score.results import NodeScore, Score
 
 LOSS_CLASSES = (
     (0.0, "no loss"),

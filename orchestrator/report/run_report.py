@@ -18,7 +18,8 @@ from orchestrator.report.traffic import link_table, matrix_figure, rate_figure
 from orchestrator.score.gather import Bools
 from orchestrator.score.headline import headline
 from orchestrator.score.judging import show
-from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Outcome, Score
+from orchestrator.score.link_results import AttackWindow
+from orchestrator.score.results import Consistency, NodeScore, Outcome, Score
 
 TONES = {"PASSED": "good", "FAILED": "bad", "INCOMPLETE": "warn", "DONE": "plain"}
 WINDOW_ROWS = 200

@@ -10,7 +10,7 @@ from orchestrator.report.contents import Choice, Figure, Table, Trace, View
 from orchestrator.report.lines import line, step_axis, value_axis
 from orchestrator.report.recording import CHANNEL_COUNTS, Recording
 from orchestrator.report.thinning import binned
-from orchestrator.score.results import LinkScore, Traffic
+from orchestrator.score.link_results import LinkScore, Traffic
 
 MOST_NODES = 80
 LINK_ROWS = 200

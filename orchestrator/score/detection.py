@@ -14,7 +14,7 @@ import numpy as np
 
 from bus.plan import Plan
 from orchestrator.score.gather import Bools, Floats, Gathered, Ints, Packets
-from orchestrator.score.results import AttackWindow, Confusion, Lockout
+from orchestrator.score.link_results import AttackWindow, Confusion, Lockout
 
 
 @dataclass(frozen=True)

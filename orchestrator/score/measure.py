@@ -10,17 +10,8 @@ from operator import attrgetter
 from statistics import fmean
 
 from orchestrator.score.catalogue import Metric
-from orchestrator.score.results import (
-    AttackScore,
-    AttackWindow,
-    Confusion,
-    Consistency,
-    LinkScore,
-    NodeScore,
-    Score,
-    SenderScore,
-    Traffic,
-)
+from orchestrator.score.link_results import AttackWindow, Confusion, LinkScore, SenderScore, Traffic
+from orchestrator.score.results import AttackScore, Consistency, NodeScore, Score
 
 Value = tuple[str, float]
 """What a value belongs to, and the value: NaN where undefined, infinite where unbounded."""

@@ -18,7 +18,7 @@ from bus.integrity import Gate
 from bus.packets import ORACLE, Packet, Vector
 from bus.plan import Plan
 from channel.contract import ATTACKED, Event
-from orchestrator.score.results import RecoveredAttack
+from orchestrator.score.link_results import RecoveredAttack
 
 _Place = tuple[int, int]
 """A link and a step."""

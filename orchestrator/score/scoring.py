@@ -32,8 +32,9 @@ from orchestrator.score.deviation import deviations
 from orchestrator.score.expectation import Expectation
 from orchestrator.score.gather import Bools, Floats, Gathered, gather
 from orchestrator.score.judging import judge_expectations
+from orchestrator.score.link_results import LinkScore
 from orchestrator.score.measure import pooled_confusion
-from orchestrator.score.results import Bound, LinkScore, NodeScore, Score, ScoreOptions
+from orchestrator.score.results import Bound, NodeScore, Score, ScoreOptions
 from orchestrator.score.signal_attacks import attack_scores
 from orchestrator.score.traffic import senders, traffic
 

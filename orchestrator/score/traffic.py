@@ -8,7 +8,7 @@ import numpy as np
 
 from bus.plan import Plan
 from orchestrator.score.gather import Gathered, Ints
-from orchestrator.score.results import SenderScore, Traffic
+from orchestrator.score.link_results import SenderScore, Traffic
 
 
 def _loss_bursts(gathered: Gathered) -> Ints:

@@ -9,8 +9,9 @@ from rich.text import Text
 
 from orchestrator.score.headline import headline, percent, several
 from orchestrator.score.judging import show
+from orchestrator.score.link_results import SenderScore
 from orchestrator.score.measure import pooled_senders
-from orchestrator.score.results import Outcome, Score, SenderScore
+from orchestrator.score.results import Outcome, Score
 from orchestrator.score.verdict_tables import attack_table, estimator_tables, signal_table
 
 EXPECTATION_LINES = 8

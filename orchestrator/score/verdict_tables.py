@@ -10,8 +10,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from orchestrator.score.link_results import AttackWindow
 from orchestrator.score.measure import expected_estimates, node_value
-from orchestrator.score.results import AttackWindow, Consistency, NodeScore, Score
+from orchestrator.score.results import Consistency, NodeScore, Score
 
 ATTACKED_ROWS = 4
 """Attacked estimators that get a row of their own, for each method; those with the largest errors."""

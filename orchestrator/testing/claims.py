@@ -12,8 +12,9 @@ import numpy as np
 from orchestrator.score.catalogue import find_metric, metric_names
 from orchestrator.score.expectation import Expectation
 from orchestrator.score.judging import judge_expectations, show
+from orchestrator.score.link_results import AttackWindow
 from orchestrator.score.measure import node_value
-from orchestrator.score.results import AttackWindow, Outcome, Score
+from orchestrator.score.results import Outcome, Score
 from orchestrator.score.scoring import Evidence
 from orchestrator.topology.names import select
 from orchestrator.topology.problems import did_you_mean

@@ -16,8 +16,9 @@ from multiprocessing import active_children, get_context
 from pathlib import Path
 
 from orchestrator import exit_codes
+from orchestrator.choices import Backend
 from orchestrator.errors import InputError
-from orchestrator.run import Backend, NotBegunError, RunReport, run_topology
+from orchestrator.run import NotBegunError, RunReport, run_topology
 from orchestrator.run_directory import LOG, RunDirectoryError, make_run_directory
 from orchestrator.score.results import Outcome
 from orchestrator.topology.load import is_base, load_topology

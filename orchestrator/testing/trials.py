@@ -11,7 +11,8 @@ from typing import NoReturn
 
 from bus.program import NodeError
 from orchestrator import exit_codes
-from orchestrator.run import Backend, RunReport, run_topology
+from orchestrator.choices import Backend
+from orchestrator.run import RunReport, run_topology
 from orchestrator.run_directory import LOG, make_run_directory
 from orchestrator.score.gather import Gathered, Gatherer, gather
 from orchestrator.score.results import Score

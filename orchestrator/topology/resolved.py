@@ -8,10 +8,11 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from bus.plan import Plan
 from orchestrator.backends.contract import RunSettings
+from orchestrator.choices import Backend
 from orchestrator.score.expectation import Expectation
 from orchestrator.score.results import ScoreOptions
 from orchestrator.topology.problems import Problem
@@ -47,7 +48,7 @@ class Topology:
     expectations: tuple[Expectation, ...]
     score_options: ScoreOptions
     settings: RunSettings
-    backend: Literal["processes", "inprocess"]
+    backend: Backend
     warnings: tuple[Problem, ...]
     document: Mapping[str, Any]
 

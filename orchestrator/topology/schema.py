@@ -7,12 +7,15 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from orchestrator.choices import Backend
 from orchestrator.score.results import ScoreOptions
 from orchestrator.topology.document import LARGEST_INTEGER
 from orchestrator.topology.parameters import STRICT
 
 Whole = Annotated[int, Ge(0), Le(LARGEST_INTEGER)]
 Number = int | float
+Scope = Literal["per_link", "shared"]
+"""Whether each link of a stage has a chain of its own, or all share one."""
 Knowledge = Literal["topology", "model", "innovations", "keys"]
 RunName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 
@@ -106,9 +109,7 @@ class AttackSection(KindSection):
         default=None, description="a schedule or trigger inside these steps, such as {periodic: {every: 20}}"
     )
     name: RunName | None = Field(default=None, description="names it in the log and in random streams")
-    scope: Literal["per_link", "shared"] | None = Field(
-        default=None, description="whether its links share one chain"
-    )
+    scope: Scope | None = Field(default=None, description="whether its links share one chain")
     stream: str | None = Field(
         default=None, description="name of its random stream; {link}, {source} ... allowed"
     )
@@ -137,9 +138,7 @@ class AdversarySection(Section):
 class ProcessSettings(Section):
     """How the run is carried out; nothing here changes what it computes, so none of it enters the log."""
 
-    backend: Literal["processes", "inprocess"] = Field(
-        default="processes", description="one process a node, or one for all"
-    )
+    backend: Backend = Field(default="processes", description="one process a node, or one for all")
     window: Annotated[int, Ge(1), Le(10_000)] = Field(
         default=32, description="steps that the plant may lead the slowest node by"
     )

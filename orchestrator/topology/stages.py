@@ -14,7 +14,7 @@ from orchestrator.registry import Role, UnknownKindError, find_kind
 from orchestrator.topology.draft import CheckedKind, Draft
 from orchestrator.topology.names import split_number
 from orchestrator.topology.problems import PathKeys, did_you_mean
-from orchestrator.topology.schema import AttackSection
+from orchestrator.topology.schema import AttackSection, Scope
 
 STAGE_OPTIONS = ("name", "scope", "stream")
 SERIES_PARAMETERS = ("values", "series")
@@ -22,7 +22,6 @@ SERIES_PARAMETERS = ("values", "series")
 PLACEHOLDERS = frozenset({"link", "source", "destination", "source_number", "destination_number"})
 
 Window = tuple[int, int]
-Scope = Literal["per_link", "shared"]
 StageRole = Literal["attack", "channel", "signal", "fault"]
 
 

@@ -24,6 +24,7 @@ from orchestrator.backends.inprocess import run_messages
 from orchestrator.score.results import Score
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.resolved import Topology
+from tests.papers.campaigns import quick_or_full
 from tests.playing import assert_keeps_what_it_expects, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "ding2021"
@@ -35,13 +36,7 @@ NO_ATTACK = ("attacks=null",)
 
 pytestmark = pytest.mark.timeout(600)
 
-trials = pytest.mark.parametrize(
-    "trials",
-    [
-        pytest.param(QUICK, id="quick"),
-        pytest.param(FULL, id="full", marks=[pytest.mark.slow, pytest.mark.timeout(3600)]),
-    ],
-)
+trials = quick_or_full(QUICK, FULL)
 
 
 @dataclass(frozen=True)

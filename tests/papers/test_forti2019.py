@@ -18,6 +18,7 @@ from orchestrator.backends.inprocess import run_messages
 from orchestrator.evidence.calibration import calibration
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.problems import TopologyError
+from tests.papers.campaigns import quick_or_full
 from tests.playing import assert_keeps_what_it_expects, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "forti2019"
@@ -33,13 +34,7 @@ NO_BASELINES = tuple(f"estimators.e{i}=null" for i in (3, 4, 5, 6))
 
 pytestmark = pytest.mark.timeout(600)
 
-trials = pytest.mark.parametrize(
-    "trials",
-    [
-        pytest.param(QUICK, id="quick"),
-        pytest.param(FULL, id="full", marks=[pytest.mark.slow, pytest.mark.timeout(3600)]),
-    ],
-)
+trials = quick_or_full(QUICK, FULL)
 
 
 @dataclass(frozen=True)

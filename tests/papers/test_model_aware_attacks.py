@@ -25,6 +25,7 @@ from nodes.controllers.state_feedback import StateFeedback
 from nodes.plants.linear import Linear
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.resolved import Topology
+from tests.papers.campaigns import quick_or_full
 from tests.playing import assert_keeps_what_it_expects, record_of, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "adversary"
@@ -35,9 +36,7 @@ QUICK, FULL = 4, 100
 
 pytestmark = pytest.mark.timeout(600)
 
-trials = pytest.mark.parametrize(
-    "trials", [pytest.param(QUICK, id="quick"), pytest.param(FULL, id="full", marks=pytest.mark.slow)]
-)
+trials = quick_or_full(QUICK, FULL)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from nodes.plants.quadruple_tank import QuadrupleTank
 from nodes.sensors.linear import Linear as LinearSensor
 from orchestrator.backends.inprocess import run_messages
 from orchestrator.topology.load import load_topology
+from tests.papers.campaigns import quick_or_full
 from tests.playing import assert_keeps_what_it_expects, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "sadeghzadeh2022"
@@ -41,9 +42,7 @@ FDI = {"minimum_attack": 0.28, "particles": 100}
 
 pytestmark = pytest.mark.timeout(600)
 
-trials = pytest.mark.parametrize(
-    "trials", [pytest.param(QUICK, id="quick"), pytest.param(FULL, id="full", marks=pytest.mark.slow)]
-)
+trials = quick_or_full(QUICK, FULL)
 
 Make = Callable[[Setting], Any]
 VARIANTS: dict[str, tuple[Make, float, bool]] = {

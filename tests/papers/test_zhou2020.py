@@ -19,6 +19,7 @@ from bus.messages import Estimate, Inbox, Transmission, Truth
 from nodes.build import build_plant, build_sensor
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.resolved import Topology
+from tests.papers.campaigns import quick_or_full
 from tests.playing import assert_keeps_what_it_expects, record_of, scored
 
 FOLDER = Path(__file__).parents[2] / "topologies" / "zhou2020"
@@ -36,9 +37,7 @@ RATES = {0.002: 0.84, 0.005: 0.71, 0.01: 0.56, 0.02: 0.37, 0.05: 0.14}
 
 pytestmark = pytest.mark.timeout(600)
 needs_programs = pytest.mark.skipif(find_spec("cvxpy") is None, reason="the extra 'lmi' is not installed")
-trials = pytest.mark.parametrize(
-    "trials", [pytest.param(QUICK, id="quick"), pytest.param(FULL, id="full", marks=pytest.mark.slow)]
-)
+trials = quick_or_full(QUICK, FULL)
 
 
 @dataclass(frozen=True)

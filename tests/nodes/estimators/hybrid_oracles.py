@@ -3,87 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 from scipy.stats import multivariate_normal
 
-from bus.packets import Packet
-from nodes.contract import Setting
-from nodes.estimators.attack_prior import AttackLaw
-from nodes.estimators.hybrid_bernoulli import HybridBernoulli
-from nodes.estimators.packet_sets import FakeBox
-from nodes.gaussian import Gaussian
-from nodes.plants.linear import Linear as LinearPlant
-from nodes.sensors.linear import Linear as LinearSensor
-
-BOX = FakeBox(-20.0, 20.0)
-
-
-@dataclass(frozen=True)
-class Attackable:
-    """A plant of two states under a signal of one or two components, and its sensors."""
-
-    plant: LinearPlant
-    sensors: dict[str, LinearSensor]
-    prior: list[AttackLaw]
-
-    def setting(self, *names: str) -> Setting:
-        heard = {name: self.sensors[name] for name in names or self.sensors}
-        return Setting("e1", self.plant, heard, {}, np.random.default_rng(0))
-
-    def filter(self, *names: str, **parameters: object) -> HybridBernoulli:
-        defaults = {
-            "attack_prior": self.prior,
-            "fakes": BOX,
-            "attack_birth": 0.3,
-            "attack_survival": 0.6,
-            "delivery": 0.8,
-            "substitution": 0.25,
-            "initial_attack_probability": 0.4,
-            "pruning": 0.0,
-            "merging": 0.0,
-            "max_components": 10**6,
-        }
-        return HybridBernoulli(self.setting(*names), **(defaults | parameters))  # type: ignore[arg-type]
-
-
-def attackable(q: int = 1) -> Attackable:
-    plant = LinearPlant(
-        1.0,
-        A=[[0.9, 0.3], [-0.2, 0.7]],
-        process_noise=Gaussian(covariance=[[0.3, 0.1], [0.1, 0.2]]),
-        initial=Gaussian(mean=[1.0, -1.0], covariance=[[2.0, 0.5], [0.5, 1.0]]),
-        G=[[1.0, 0.0], [0.5, 1.0]] if q == 2 else [[1.0], [0.5]],
-    )
-    sensors = {
-        "s1": LinearSensor(
-            plant,
-            C=[[1.0, 0.2], [0.0, 1.0]],
-            noise=Gaussian(covariance=[[0.5, 0.1], [0.1, 0.4]]),
-            H=[[0.7, 0.0], [0.3, 0.0]] if q == 2 else [[0.7], [0.3]],
-        ),
-        "s2": LinearSensor(
-            plant,
-            C=[[0.3, 1.0]],
-            noise=Gaussian(std=0.6),
-            H=[[0.2, 1.1]] if q == 2 else [[1.1]],
-        ),
-        "s3": LinearSensor(
-            plant,
-            C=[[1.0, -1.0]],
-            noise=Gaussian(std=0.7),
-            H=[[0.9, -0.4]] if q == 2 else [[-0.4]],
-        ),
-    }
-    laws = [AttackLaw(mean=[2.0] * q, std=1.5, weight=3.0), AttackLaw(mean=[-1.0] * q, std=0.8, weight=1.0)]
-    return Attackable(plant, sensors, laws)
-
-
-def packet(step: int, source: str, values: object, sequence: int | None = None) -> Packet:
-    number = step if sequence is None else sequence
-    return Packet(source, step, number, "measurement", np.array(values, dtype=np.float64))
+from tests.nodes.estimators.attacked_world import BOX, Attackable
 
 
 def enumerate_hypotheses(

@@ -19,7 +19,7 @@ from nodes.estimators.packet_sets import FakeBox
 from nodes.gaussian import Gaussian
 from nodes.plants.linear import Linear as LinearPlant
 from nodes.sensors.linear import Linear as LinearSensor
-from tests.nodes.estimators.hybrid_oracles import packet
+from tests.nodes.estimators.attacked_world import packet
 
 A, G, C, H, Q_STD, R_STD = 0.8, 1.3, 1.1, 0.9, 0.4, 0.5
 BIRTH, SURVIVAL, START, DELIVERY, SUBSTITUTION = 0.25, 0.7, 0.3, 0.85, 0.2

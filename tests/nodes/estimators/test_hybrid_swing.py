@@ -14,7 +14,7 @@ from nodes.gaussian import Gaussian
 from nodes.plants.ieee14 import Ieee14
 from nodes.plants.sine_swing import SineIeee14
 from nodes.sensors.linear import Linear
-from tests.nodes.estimators.hybrid_oracles import packet
+from tests.nodes.estimators.attacked_world import packet
 
 LAWS = {"process_noise": Gaussian(std=0.01), "initial": Gaussian(std=[1.0] * 5 + [0.1] * 5)}
 """Angles that differ by a radian and more: there a sine is not its argument."""

@@ -1,15 +1,14 @@
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from filterpy.kalman import IMMEstimator, KalmanFilter
-from scipy.stats import chi2
 
 from nodes.estimators.attack_prior import AttackLaw
 from nodes.estimators.imm import Imm
-from tests.nodes.estimators.hybrid_oracles import attackable, packet
+from tests.nodes.estimators.attacked_world import assert_chi_squared, attackable, claims, packet
 
-FALSE_ALARM = 1e-6
 PRIOR = AttackLaw(mean=[2.0], std=1.5)
 RATES = {"attack_birth": 0.2, "attack_survival": 0.7}
 
@@ -54,34 +53,20 @@ def test_with_a_sure_attack_errors_and_innovations_are_as_large_as_it_claims(fee
     world = attackable()
     if not feedthrough:
         world.sensors["s1"].H = None
-    runs, steps, nees, nis, dof = 300, 8, 0.0, 0.0, 0
-    for seed in range(runs):
-        rng = np.random.default_rng(seed)
-        imm = Imm(
-            world.setting("s1"),
-            attack_prior=PRIOR,
-            attack_birth=1.0,
-            attack_survival=1.0,
-            initial_attack_probability=1.0,
-            feedthrough=feedthrough,
-        )
-        state, before = world.plant.initial_state(rng), np.zeros(1)
-        for step in range(steps):
-            signal = rng.normal(2.0, 1.5, 1)
-            if step:
-                state = world.plant.advance(step, state, rng, attack=before)
-            before = signal
-            values = world.sensors["s1"].observe(step, state, rng, attack=signal)
-            imm.correct(step, [packet(step, "s1", values)])
-            belief = imm.estimate(step)
-            nis += belief.nis
-            dof += belief.nis_dof
-        error = belief.state - state
-        nees += error @ np.linalg.solve(belief.covariance, error)
-    assert dof == 2 * runs * steps
-    for total, degrees in ((nees, 2 * runs), (nis, dof)):
-        low, high = chi2.interval(1.0 - FALSE_ALARM, df=degrees)
-        assert low < total < high
+    imm = partial(
+        Imm,
+        world.setting("s1"),
+        attack_prior=PRIOR,
+        attack_birth=1.0,
+        attack_survival=1.0,
+        initial_attack_probability=1.0,
+        feedthrough=feedthrough,
+    )
+    runs, steps = 300, 8
+    found = claims(world, imm, lambda rng, seed, step: rng.normal(2.0, 1.5, 1), runs=runs, steps=steps)
+    assert found.nis_dof == 2 * runs * steps
+    assert_chi_squared(found.nees, 2 * runs)
+    assert_chi_squared(found.nis, found.nis_dof)
 
 
 def test_while_attacks_come_and_go_it_finds_most_of_them():

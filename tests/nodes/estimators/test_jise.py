@@ -1,14 +1,13 @@
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from nodes.estimators.attack_prior import AttackLaw
 from nodes.estimators.jise import Jise
-from tests.nodes.estimators.hybrid_oracles import attackable, packet
+from tests.nodes.estimators.attacked_world import assert_chi_squared, attackable, claims, packet
 
-FALSE_ALARM = 1e-6
 PRIOR = AttackLaw(mean=[0.0], std=1.0)
 
 
@@ -60,28 +59,18 @@ def test_errors_are_as_large_as_it_claims_whatever_the_signal(feedthrough):
     world = attackable()
     if not feedthrough:
         world.sensors["s1"].H = None
-    runs, steps, nees, nis, dof = 300, 8, 0.0, 0.0, 0
-    for seed in range(runs):
-        rng = np.random.default_rng(seed)
-        filter_ = Jise(world.setting("s1"), attack_prior=PRIOR, feedthrough=feedthrough)
-        state, before = world.plant.initial_state(rng), np.zeros(1)
-        for step in range(steps):
-            signal = np.array([100.0 * np.sin(step + seed)])
-            if step:
-                state = world.plant.advance(step, state, rng, attack=before)
-            values = world.sensors["s1"].observe(step, state, rng, attack=signal)
-            before = signal
-            filter_.correct(step, [packet(step, "s1", values)])
-            belief = filter_.estimate(step)
-            nis += belief.nis
-            dof += belief.nis_dof
-        error = belief.state - state
-        nees += error @ np.linalg.solve(belief.covariance, error)
-    low, high = chi2.interval(1.0 - FALSE_ALARM, df=2 * runs)
-    assert low < nees < high
-    assert dof == runs * (steps if feedthrough else steps + 1)
-    low, high = chi2.interval(1.0 - FALSE_ALARM, df=dof)
-    assert low < nis < high
+    jise = partial(Jise, world.setting("s1"), attack_prior=PRIOR, feedthrough=feedthrough)
+    runs, steps = 300, 8
+    found = claims(
+        world,
+        jise,
+        lambda rng, seed, step: np.array([100.0 * np.sin(step + seed)]),
+        runs=runs,
+        steps=steps,
+    )
+    assert_chi_squared(found.nees, 2 * runs)
+    assert found.nis_dof == runs * (steps if feedthrough else steps + 1)
+    assert_chi_squared(found.nis, found.nis_dof)
 
 
 def test_a_signal_that_no_packet_shows_is_taken_from_its_prior():

@@ -7,7 +7,7 @@ from nodes.estimators.attack_prior import AttackLaw
 from nodes.estimators.imm import Imm
 from nodes.estimators.jise import Jise
 from nodes.estimators.packet_sets import pooled
-from tests.nodes.estimators.hybrid_oracles import Attackable, attackable, packet
+from tests.nodes.estimators.attacked_world import Attackable, attackable, packet
 
 PRIOR = AttackLaw(mean=[2.0], std=1.5)
 MAKE = {

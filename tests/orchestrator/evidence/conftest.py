@@ -11,15 +11,11 @@ from orchestrator.run_directory import make_run_directory
 from orchestrator.topology.experiment import topology_from_experiment
 from orchestrator.topology.load import load_topology
 from orchestrator.topology.resolved import Topology
-from tests.playing import RING
+from tests.playing import LOSSY_RING
 
 SMALL = (
-    RING.format(name="small", seed=7, steps=24)
+    LOSSY_RING.format(name="small", seed=7, steps=24)
     + """\
-  lone: {method: kalman, sensors: [s1, s3]}
-channel:
-  e*->e*: {gilbert_elliott: {failure: 0.2, recovery: 0.5}}
-  s*->lone: {bernoulli: {loss: 0.3}}
 attacks:
   - {bias: {value: 5.0}, on: s2->e2, steps: [10, 15]}
 score: {from_step: 4, node_series: true, detection_grace: 2}

@@ -15,18 +15,14 @@ from orchestrator.run import run_topology
 from orchestrator.run_directory import make_run_directory
 from orchestrator.topology.load import load_topology
 from tests.orchestrator.report.looking import Look, look_at
-from tests.playing import RING
+from tests.playing import LOSSY_RING, RING
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 ATTACKED = (
-    RING.format(name="attacked-run", seed=7, steps=60)
+    LOSSY_RING.format(name="attacked-run", seed=7, steps=60)
     + """\
-  lone: {method: kalman, sensors: [s1, s3]}
-channel:
-  e*->e*: {gilbert_elliott: {failure: 0.2, recovery: 0.5}}
-  s*->lone: {bernoulli: {loss: 0.3}}
 attacks:
   - {bias: {value: 5.0}, on: s2->e2, steps: [20, 31]}
   - {bias: {value: 0.3}, on: s3->e3, steps: [40, 45]}

@@ -5,7 +5,8 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from orchestrator.score.results import AttackWindow, ScoreOptions
+from orchestrator.score.link_results import AttackWindow
+from orchestrator.score.results import ScoreOptions
 from orchestrator.score.scoring import score
 
 LINK = "s1->e1"

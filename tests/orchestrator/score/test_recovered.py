@@ -10,7 +10,8 @@ import pytest
 
 from bus.messages import Estimate, Inbox, Message, Transmission
 from orchestrator.backends.inprocess import run_messages
-from orchestrator.score.results import RecoveredAttack, Score
+from orchestrator.score.link_results import RecoveredAttack
+from orchestrator.score.results import Score
 from orchestrator.score.scoring import score
 from orchestrator.topology.load import Topology, load_topology
 

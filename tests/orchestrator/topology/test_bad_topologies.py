@@ -13,25 +13,10 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from orchestrator.topology.load import TopologyError, find_problems, load_topology
-
-GOOD = """\
-period_s: 0.1
-steps: 20
-plant:
-  model: constant_acceleration
-  process_noise: {std: 0.2}
-  initial: {std: 1.0}
-sensors:
-  s1..s4: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
-estimators:
-  e1..e4: {method: secure_distributed, coupling: 0.01}
-graph: {ring: {nodes: 4}}
-channel:
-  e*->e*: {bernoulli: {loss: 0.1}}
-"""
+from tests.orchestrator.topology.small import GOOD
 
 SENSORS = "  s1..s4: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}"
-ESTIMATORS = "  e1..e4: {method: secure_distributed, coupling: 0.01}"
+ESTIMATORS = "  e1..e4: {method: secure_distributed, coupling: 0.01, threshold: 9}"
 
 LAW = """\
 import numpy as np
@@ -437,7 +422,11 @@ def test_a_base_is_refused_by_run_and_may_be_incomplete(tmp_path: Path) -> None:
             "nothing of e2 ever reaches e1",
         ),
         ("  s1..s4:", "  s1..s5:", "nobody listens to s5"),
-        ("{method: secure_distributed, coupling: 0.01}", "{method: kalman}", "the graph is not used"),
+        (
+            "{method: secure_distributed, coupling: 0.01, threshold: 9}",
+            "{method: kalman}",
+            "the graph is not used",
+        ),
         (
             ESTIMATORS,
             ESTIMATORS.replace("e1..e4", "e1..e3")
@@ -465,6 +454,6 @@ def test_a_folder_is_no_topology_and_the_cure_says_what_takes_folders(tmp_path: 
 
 def test_a_graph_without_edges_is_no_mistake_where_nobody_exchanges(tmp_path: Path) -> None:
     text = GOOD.replace("{ring: {nodes: 4}}", "{edges: []}")
-    text = text.replace("{method: secure_distributed, coupling: 0.01}", "{method: kalman}")
+    text = text.replace("{method: secure_distributed, coupling: 0.01, threshold: 9}", "{method: kalman}")
     errors, warnings = find_problems(written(tmp_path, text[: text.index("channel:")], {}))
     assert (errors, warnings) == ((), ())

@@ -7,28 +7,18 @@ from pathlib import Path
 import pytest
 
 from orchestrator.topology.load import Topology, load_topology
+from tests.orchestrator.topology.small import GOOD
 
-BASE = """\
-name: base
-description: prose
-period_s: 0.1
-steps: 20
-plant:
-  model: constant_acceleration
-  process_noise: {std: 0.2}
-  initial: {std: 1.0}
-sensors:
-  s1..s4: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
-estimators:
-  e1..e4: {method: secure_distributed, coupling: 0.01, threshold: 9}
-graph: {ring: {nodes: 4}}
-channel:
-  e*->e*: {bernoulli: {loss: 0.1}}
+BASE = (
+    "name: base\ndescription: prose\n"
+    + GOOD
+    + """\
   s*->e*: {bernoulli: {loss: 0.2}}
 attacks:
   - {bias: {value: 1}, on: s1->e1, steps: [3, 5]}
 expect: {divergences: 0}
 """
+)
 
 
 @pytest.fixture

@@ -7,26 +7,17 @@ from pathlib import Path
 import pytest
 
 from orchestrator.topology.load import Topology, TopologyError, load_topology
+from tests.orchestrator.topology.small import GOOD
 
-TEXT = """\
-period_s: 0.1
-steps: 20
-plant:
-  model: constant_acceleration
-  process_noise: {std: 0.2}
-  initial: {std: 1.0}
-sensors:
-  s1..s4: {model: linear, C: [[1.0, 0.0, 0.0]], noise: {std: 0.1}}
-estimators:
-  e1..e4: {method: secure_distributed, coupling: 0.01, threshold: 9}
-graph: {ring: {nodes: 4}}
-channel:
-  e*->e*: [{bernoulli: {loss: 0.1}}]
+TEXT = (
+    GOOD.replace("{bernoulli: {loss: 0.1}}", "[{bernoulli: {loss: 0.1}}]")
+    + """\
 attacks:
   - {bias: {value: 1}, on: s1->e1, steps: [3, 5]}
 expect:
   rmse.position: {node: e1, at_most: 2}
 """
+)
 
 
 def load(folder: Path, *overrides: str) -> Topology:

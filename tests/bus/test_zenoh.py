@@ -22,8 +22,10 @@ import zenoh
 
 from bus.access import Grant
 from bus.refusals import Probe, prove_refusals
-from bus.zenoh_bus import BusError, BusTimeout, Client, Router
-from bus.zenoh_config import client_config
+from bus.zenoh.client import Client
+from bus.zenoh.config import client_config
+from bus.zenoh.router import Router
+from bus.zenoh.session import BusError, BusTimeout
 
 GRANTS = [
     Grant("sensor", ("t/tx/sensor/*",), ("t/truth/*",), "t/alive/sensor"),
@@ -411,7 +413,8 @@ def test_a_client_notices_within_a_second_that_the_router_was_killed() -> None:
 LEFT_OPEN = """
 import sys
 from bus.access import Grant
-from bus.zenoh_bus import Client, Router
+from bus.zenoh.client import Client
+from bus.zenoh.router import Router
 router = Router([Grant("a", ("x",), ("y",), "alive")])
 router.subscribe("**", lambda key, payload: None)
 client = Client(router.endpoint, "a", router.password("a"), subscribe=["y"], publish=["x"])
