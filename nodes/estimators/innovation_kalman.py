@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Gt
@@ -11,7 +11,7 @@ from annotated_types import Gt
 from bus.packets import Packet, Vector
 from nodes.contract import Detection, Matrix, Setting
 from nodes.estimators.linear_gaussian import Dynamics, mahalanobis_squared
-from nodes.estimators.solitary import SolitaryGaussian
+from nodes.estimators.solitary import OnAlarm, SolitaryGaussian, rejects
 from nodes.linear_algebra import symmetrise
 from nodes.sensors.innovation import Innovation
 
@@ -46,10 +46,9 @@ class InnovationKalman(SolitaryGaussian):
         setting: Setting,
         *,
         threshold: Annotated[float, Gt(0.0)] | None = None,
-        on_alarm: Literal["flag", "reject"] = "flag",
+        on_alarm: OnAlarm = "flag",
     ) -> None:
-        if on_alarm == "reject" and threshold is None:
-            raise ValueError(f"{setting.name}: without a detector nothing is rejected; give it a 'threshold'")
+        self._rejects = rejects(setting, on_alarm, threshold)
         first: object = next(iter(setting.sensors.values()), None)
         if len(setting.sensors) != 1 or not isinstance(first, Innovation):
             raise ValueError(
@@ -60,7 +59,6 @@ class InnovationKalman(SolitaryGaussian):
         self._dynamics = Dynamics(setting)
         super().__init__(setting)
         self._threshold = threshold
-        self._rejects = on_alarm == "reject"
         self._missed: Matrix = np.zeros_like(self._dynamics.A)
 
     def correct(self, step: int, packets: Sequence[Packet]) -> Vector | None:

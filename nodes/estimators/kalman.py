@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated
 
 from annotated_types import Gt
 
@@ -18,7 +18,7 @@ from nodes.estimators.linear_gaussian import (
     correct,
     mahalanobis_squared,
 )
-from nodes.estimators.solitary import SolitaryGaussian
+from nodes.estimators.solitary import OnAlarm, SolitaryGaussian, rejects
 
 
 class Kalman(Commanded, SolitaryGaussian):
@@ -54,12 +54,10 @@ class Kalman(Commanded, SolitaryGaussian):
         setting: Setting,
         *,
         threshold: Annotated[float, Gt(0.0)] | None = None,
-        on_alarm: Literal["flag", "reject"] = "flag",
+        on_alarm: OnAlarm = "flag",
     ) -> None:
-        if on_alarm == "reject" and threshold is None:
-            raise ValueError(f"{setting.name}: without a detector nothing is rejected; give it a 'threshold'")
+        self._rejects = rejects(setting, on_alarm, threshold)
         self._threshold = threshold
-        self._rejects = on_alarm == "reject"
         self._dynamics = Dynamics(setting)
         self._sensors = SensorBank(setting)
         self._input = CommandedInput(setting.plant)

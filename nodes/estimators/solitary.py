@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from bus.packets import Packet, Vector
 from nodes.contract import Belief, Detection, Listens, Matrix, Setting
+
+OnAlarm = Literal["flag", "reject"]
+"""What follows an alarm on a packet: nothing, or the packet is left out."""
 
 
 class Solitary:
@@ -43,3 +46,10 @@ class SolitaryGaussian(Solitary):
             nis_dof=self._nis_dof,
             detections=self._detections,
         )
+
+
+def rejects(setting: Setting, on_alarm: OnAlarm, threshold: float | None) -> bool:
+    """Return whether alarms reject; raises ValueError when no threshold makes any."""
+    if on_alarm == "reject" and threshold is None:
+        raise ValueError(f"{setting.name}: without a detector nothing is rejected; give it a 'threshold'")
+    return on_alarm == "reject"
