@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from orchestrator.choices import FigureFormat
+from orchestrator.command_line.options import Json
 from orchestrator.command_line.output import print_json
 from orchestrator.errors import InputError
 
@@ -43,9 +44,7 @@ def report(
         Path | None, typer.Option(help="A directory to write the figures into as well, one file each.")
     ] = None,
     form: Form = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print JSON for programs instead of text for people.")
-    ] = False,
+    json: Json = False,
 ) -> None:
     """Write one HTML page that needs no network: figures, verdicts, and where they come from."""
     from orchestrator.report.making import page_for

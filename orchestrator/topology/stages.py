@@ -6,7 +6,7 @@ import itertools
 import string
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from bus.kinds import KindError
 from orchestrator.log.errors import LogError
@@ -191,7 +191,7 @@ def _options_fit(draft: Draft, options: Mapping[str, Any], path: PathKeys) -> bo
     fits = True
     for key, value in options.items():
         if key == "scope" and value not in ("per_link", "shared", None):
-            cure = did_you_mean(str(value), ["per_link", "shared"])
+            cure = did_you_mean(str(value), get_args(Scope))
             draft.complain((*path, key), f"{value!r} is not 'per_link' or 'shared'", cure)
             fits = False
         elif key != "scope" and not (value is None or (isinstance(value, str) and value)):
