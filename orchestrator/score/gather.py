@@ -241,10 +241,12 @@ class Gatherer:
         self.injections.value.extend([event.magnitude for event in made])
         links, stages = self.links, self.stages
         for rows, own in ((self.events, acts), (self.injections, made)):
-            rows.link.extend([links[event.link] for event in own])
-            rows.step.extend([step] * len(own))
-            rows.sequence.extend([event.sequence for event in own])
-            rows.stage.extend([stages[event.stage] for event in own])
+            if own:
+                link, stage, sequence, _, _ = zip(*own, strict=True)
+                rows.link.extend(map(links.__getitem__, link))
+                rows.step.extend([step] * len(own))
+                rows.sequence.extend(sequence)
+                rows.stage.extend(map(stages.__getitem__, stage))
 
     def finish(self) -> Gathered:
         """Return all that was taken."""

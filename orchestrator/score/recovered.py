@@ -7,7 +7,6 @@ difference between what arrived and what the sensor sent.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import count, takewhile
 
@@ -47,7 +46,7 @@ class FalseDataListener:
         self.receivers = {keys.rx(node, keys.CORRECT): node for node in self._heard}
         self._gates = {node: Gate(plan, sources) for node, sources in self._heard.items()}
         self._sent: dict[tuple[str, int], Vector] = {}
-        self._received: dict[_Place, Vector] = {}
+        self._inboxes: dict[tuple[str, int], Sequence[Packet]] = {}
         self._attacked: set[_Place] = set()
         self._said: dict[_Place, _Said] = {}
 
@@ -57,16 +56,16 @@ class FalseDataListener:
             self._sent[source, step] = packets[0].values
 
     def take_inbox(self, node: str, step: int, inbox: Sequence[Packet]) -> None:
-        """Keep what arrived at one of the ``receivers`` of the sensors in their own step."""
-        packets = [packet for packet in inbox if packet.kind != ORACLE]
-        arrived = Counter([packet.source for packet in packets])
-        if min(arrived.values(), default=2) > 1:
-            return
-        for packet in packets:
-            link = self._links.get((packet.source, node))
-            usable = packet.sent_step == step and arrived[packet.source] == 1
-            if link is not None and usable and self._gates[node].admits(packet):
-                self._received[link, step] = packet.values
+        """Keep what arrived at one of the ``receivers``."""
+        self._inboxes[node, step] = inbox
+
+    def _received(self, source: str, node: str, step: int) -> Vector | None:
+        """Return what arrived of a sensor in its own step, None unless that is one packet that is let in."""
+        inbox = self._inboxes.get((node, step), ())
+        packets = [packet for packet in inbox if packet.source == source and packet.kind != ORACLE]
+        if len(packets) != 1 or packets[0].sent_step != step or not self._gates[node].admits(packets[0]):
+            return None
+        return packets[0].values
 
     def take_events(self, step: int, events: Sequence[Event]) -> None:
         """Keep which packets were attacked; a sensor numbers its packets by their steps."""
@@ -86,12 +85,15 @@ class FalseDataListener:
         """Return by link how well the attack was recovered; None where nothing was said or attacked."""
         errors: dict[int, list[float]] = {}
         figures: dict[int, list[float]] = {}
-        sources = {number: source for (source, _), number in self._links.items()}
-        for place in sorted(self._attacked & self._said.keys() & self._received.keys()):
+        ends = {number: place for place, number in self._links.items()}
+        for place in sorted(self._attacked & self._said.keys()):
             link, step = place
-            sent, (value, variance) = self._sent.get((sources[link], step)), self._said[place]
-            received = self._received[place]
-            if step < from_step or sent is None or not len(sent) == len(received) == len(value):
+            source, node = ends[link]
+            sent, (value, variance) = self._sent.get((source, step)), self._said[place]
+            received = self._received(source, node, step)
+            if step < from_step or sent is None or received is None:
+                continue
+            if not len(sent) == len(received) == len(value):
                 continue
             error = np.array(value) - (received - sent)
             errors.setdefault(link, []).append(float(error.dot(error)))
