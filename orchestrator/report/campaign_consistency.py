@@ -9,7 +9,7 @@ import numpy as np
 
 from orchestrator.evidence.bootstrap import Band
 from orchestrator.evidence.consistency import by_step
-from orchestrator.evidence.figures import ChiSquare, chi_square_figures
+from orchestrator.evidence.consistency_of_rows import ChiSquare, chi_square_figures
 from orchestrator.report.contents import Choice, Figure, Trace, View
 from orchestrator.report.group_pieces import band_traces
 from orchestrator.report.groups import Group

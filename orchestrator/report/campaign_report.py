@@ -158,7 +158,15 @@ def _error_blocks(groups: Sequence[Group], by: str | None, notes: list[str]) -> 
 
 def _consistency_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
     curves = consistency_curves(groups, notes)
-    return [consistency_table(groups), *([curves] if curves else [])]
+    blocks: list[Block] = [consistency_table(groups)]
+    if any(len(group.nodes) > 1 for group in groups):
+        blocks.append(
+            Text(
+                "Estimators of one trial follow the same plant: their NEES and NIS are put together before "
+                "trials are compared, and the least white of them is named. --by node judges each alone."
+            )
+        )
+    return [*blocks, *([curves] if curves else [])]
 
 
 def _communication_blocks(groups: Sequence[Group]) -> list[Block]:

@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from orchestrator.evidence.chosen import Chosen, shown
+from orchestrator.evidence.consistency import Overall
+from orchestrator.evidence.consistency_of_rows import Consistency, LeastWhite, consistency
 from orchestrator.evidence.detectors import Detection
-from orchestrator.evidence.figures import consistency, efficiency, rmse, sent_rate
+from orchestrator.evidence.figures import efficiency, rmse, sent_rate
 from orchestrator.evidence.intervals import Interval, share
 from orchestrator.evidence.timing import step_time
 from orchestrator.report.contents import Mark, Table, Text
@@ -47,9 +49,9 @@ def variant_table(groups: Sequence[Group]) -> Table:
                 _span(group.nodes),
                 f"{own.trials:,}",
                 f"{own.failed:,}",
-                interval(share(own.passed, own.trials), percent=True),
-                interval(share(own.diverged, own.trials - own.failed), percent=True),
-                interval(sent_rate(group.rows), percent=True),
+                interval(share(own.passed, own.trials, group.confidence), percent=True),
+                interval(share(own.diverged, own.trials - own.failed, group.confidence), percent=True),
+                interval(sent_rate(group.rows, group.confidence), percent=True),
             )
         )
     columns = (
@@ -67,11 +69,23 @@ def error_table(groups: Sequence[Group]) -> Table:
     """Return the RMSE of each group in each state group."""
     states = state_names(groups)
     rows = [
-        (group.name, *(interval(rmse(group.rows, state, group.confidence)) for state in states))
+        (
+            group.name,
+            *(interval(rmse(group.rows, state, group.confidence)) for state in states),
+            _left_out(group),
+        )
         for group in groups
     ]
-    columns = ("variant", *("whole state" if state == "state" else state for state in states))
+    columns = ("variant", *("whole state" if state == "state" else state for state in states), "left out")
+    if not any(row[-1] for row in rows):
+        columns, rows = columns[:-1], [row[:-1] for row in rows]
     return Table("RMSE over all scored steps and trials", columns, rows)
+
+
+def _left_out(group: Group) -> str:
+    """Return how many estimators' trials have no finite error, empty for none."""
+    diverged = int(np.isfinite(group.rows.scalar("divergence_step")).sum())
+    return f"{diverged:,} of {group.rows.trial.size:,} diverged" if diverged else ""
 
 
 def consistency_table(groups: Sequence[Group]) -> Table:
@@ -83,28 +97,43 @@ def consistency_table(groups: Sequence[Group]) -> Table:
             own = split.all
             if np.isnan(own.ratio):
                 continue
-            bounds = "-" if np.isnan(own.low) else f"{max(own.low, 0.0):.4g} to {own.high:.4g}"
+            bounds = "-" if np.isnan(own.low) else f"{own.low:.4g} to {own.high:.4g}"
             rows.append(
                 (
                     group.name,
                     what,
                     figure(own.ratio),
                     bounds,
-                    Mark(own.judgement, _TONES[own.judgement]),
+                    _verdict(own, found, found.undefined if what == "NEES" else 0.0),
                     figure(split.attacked.ratio),
                     figure(split.unattacked.ratio),
-                    _white(found.whiteness.all.p_value) if what == "NIS" else "-",
+                    _white(found.whiteness.all, group) if what == "NIS" else "-",
                 )
             )
     columns = ("variant", "figure", "by its dof", "if consistent", "verdict", "under attack", "else", "white")
     return Table("Consistency over all steps", columns, rows, frozenset({0, 1}))
 
 
-def _white(p_value: float) -> str:
-    if np.isnan(p_value):
+def _verdict(own: Overall, found: Consistency, undefined: float) -> Mark:
+    """Return a judgement, withheld where what is left out could only have made it worse."""
+    missing = []
+    if undefined:
+        missing.append(f"{100 * undefined:.3g} % of the covariances are none")
+    if found.diverged:
+        missing.append(f"{found.diverged:,} of {found.trials:,} trials diverged")
+    if not missing or own.judgement == "overconfident":
+        return Mark(own.judgement, _TONES[own.judgement])
+    return Mark(f"unknown: {', '.join(missing)}", _TONES["unknown"])
+
+
+def _white(least: LeastWhite, group: Group) -> str:
+    found = least.found
+    if np.isnan(found.p_value):
         return "-"
-    shown = "p < 0.001" if p_value < 0.001 else f"p {p_value:.2g}"
-    return f"{'yes' if p_value >= 0.05 else 'no'} ({shown})"
+    shown = "p < 0.001" if found.p_value < 0.001 else f"p {found.p_value:.2g}"
+    node = f"{least.node}: " if len(group.nodes) > 1 else ""
+    by = ", by NIS" if least.from_nis else ""
+    return f"{'yes' if found.is_white(group.confidence) else 'no'} ({node}{shown}{by})"
 
 
 def bound_blocks(groups: Sequence[Group]) -> list[Table | Text]:
