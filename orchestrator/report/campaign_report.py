@@ -13,12 +13,11 @@ from orchestrator.evidence.comparison import Comparison
 from orchestrator.evidence.detectors import Detection
 from orchestrator.evidence.figures import rmse
 from orchestrator.report.campaign_calibration import calibration_blocks
-from orchestrator.report.campaign_consistency import consistency_curves
+from orchestrator.report.campaign_consistency import consistency_curves, consistency_table
 from orchestrator.report.campaign_detection import detections, operating_figure, roc_curves, survival_figure
 from orchestrator.report.campaign_errors import error_curves, outcome_figure, trial_spread
 from orchestrator.report.campaign_tables import (
     bound_blocks,
-    consistency_table,
     detection_table,
     error_table,
     failure_table,

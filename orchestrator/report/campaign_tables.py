@@ -1,25 +1,22 @@
-"""Tables of many trials: variants, errors, consistency, detectors, and where it all comes from."""
+"""Tables of many trials: variants, errors, bounds, detectors, and where it all comes from."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from orchestrator.evidence.chosen import Chosen, shown
-from orchestrator.evidence.consistency import Overall
-from orchestrator.evidence.consistency_of_rows import Consistency, LeastWhite, consistency
 from orchestrator.evidence.detectors import Detection
 from orchestrator.evidence.figures import efficiency, rmse, sent_rate
 from orchestrator.evidence.intervals import Interval, share
 from orchestrator.evidence.timing import step_time
-from orchestrator.report.contents import Mark, Table, Text
+from orchestrator.report.contents import Table, Text
 from orchestrator.report.groups import Group, Outcomes, state_names
 
 LISTED = 8
 """Most entries of a list that the table of origins names."""
-
-_TONES = {"consistent": "good", "overconfident": "bad", "conservative": "warn", "unknown": "plain"}
 
 
 def figure(value: float) -> str:
@@ -77,63 +74,20 @@ def error_table(groups: Sequence[Group]) -> Table:
         for group in groups
     ]
     columns = ("variant", *("whole state" if state == "state" else state for state in states), "left out")
-    if not any(row[-1] for row in rows):
-        columns, rows = columns[:-1], [row[:-1] for row in rows]
-    return Table("RMSE over all scored steps and trials", columns, rows)
+    return _without_empty_end(Table("RMSE over all scored steps and trials", columns, rows))
+
+
+def _without_empty_end(table: Table) -> Table:
+    """Return a table without its last column, where that is empty."""
+    if any(row[-1] for row in table.rows):
+        return table
+    return replace(table, columns=table.columns[:-1], rows=[row[:-1] for row in table.rows])
 
 
 def _left_out(group: Group) -> str:
     """Return how many estimators' trials have no finite error, empty for none."""
     diverged = int(np.isfinite(group.rows.scalar("divergence_step")).sum())
     return f"{diverged:,} of {group.rows.trial.size:,} diverged" if diverged else ""
-
-
-def consistency_table(groups: Sequence[Group]) -> Table:
-    """Return NEES and NIS of each group over all steps, with their verdicts."""
-    rows = []
-    for group in groups:
-        found = consistency(group.rows, group.from_step, group.confidence)
-        for what, split in (("NEES", found.nees), ("NIS", found.nis)):
-            own = split.all
-            if np.isnan(own.ratio):
-                continue
-            bounds = "-" if np.isnan(own.low) else f"{own.low:.4g} to {own.high:.4g}"
-            rows.append(
-                (
-                    group.name,
-                    what,
-                    figure(own.ratio),
-                    bounds,
-                    _verdict(own, found, found.undefined if what == "NEES" else 0.0),
-                    figure(split.attacked.ratio),
-                    figure(split.unattacked.ratio),
-                    _white(found.whiteness.all, group) if what == "NIS" else "-",
-                )
-            )
-    columns = ("variant", "figure", "by its dof", "if consistent", "verdict", "under attack", "else", "white")
-    return Table("Consistency over all steps", columns, rows, frozenset({0, 1}))
-
-
-def _verdict(own: Overall, found: Consistency, undefined: float) -> Mark:
-    """Return a judgement, withheld where what is left out could only have made it worse."""
-    missing = []
-    if undefined:
-        missing.append(f"{100 * undefined:.3g} % of the covariances are none")
-    if found.diverged:
-        missing.append(f"{found.diverged:,} of {found.trials:,} trials diverged")
-    if not missing or own.judgement == "overconfident":
-        return Mark(own.judgement, _TONES[own.judgement])
-    return Mark(f"unknown: {', '.join(missing)}", _TONES["unknown"])
-
-
-def _white(least: LeastWhite, group: Group) -> str:
-    found = least.found
-    if np.isnan(found.p_value):
-        return "-"
-    shown = "p < 0.001" if found.p_value < 0.001 else f"p {found.p_value:.2g}"
-    node = f"{least.node}: " if len(group.nodes) > 1 else ""
-    by = ", by NIS" if least.from_nis else ""
-    return f"{'yes' if found.is_white(group.confidence) else 'no'} ({node}{shown}{by})"
 
 
 def bound_blocks(groups: Sequence[Group]) -> list[Table | Text]:
@@ -145,12 +99,13 @@ def bound_blocks(groups: Sequence[Group]) -> list[Table | Text]:
             reasons[reason] = reasons.get(reason, 0) + count
         if own[-1].steps:
             ratios = (interval(part.ratio) for part in own)
-            rows.append((group.name, *ratios, f"{100 * own[-1].steps:.3g} %", ", ".join(own[-1].given)))
-    columns = ("variant", *states, "of the steps", "given")
+            covered = f"{100 * own[-1].steps:.3g} %", ", ".join(own[-1].given)
+            rows.append((group.name, *ratios, *covered, _left_out(group)))
+    columns = ("variant", *states, "of the steps", "given", "left out")
     title = "RMSE over the posterior Cramér-Rao bound, in the steps in which that is right"
     blocks: list[Table | Text] = []
     if rows:
-        blocks.append(Table(title, columns, rows, frozenset({0, len(columns) - 1})))
+        blocks.append(_without_empty_end(Table(title, columns, rows, frozenset({0, len(columns) - 2}))))
     if reasons:
         told = "; ".join(f"{reason} ({count:,} rows)" for reason, count in sorted(reasons.items())[:6])
         blocks.append(Text(f"The posterior Cramér-Rao bound is refused where it would be wrong: {told}."))

@@ -9,7 +9,8 @@ import pytest
 from orchestrator.campaign.sweep import Request, prepare, sweep
 from orchestrator.command_line.campaign_output import QuietProgress
 from orchestrator.evidence.chosen import choose
-from orchestrator.report.campaign_tables import consistency_table, error_table
+from orchestrator.report.campaign_consistency import consistency_table
+from orchestrator.report.campaign_tables import error_table
 from orchestrator.report.contents import Table
 from orchestrator.report.grouping import find_groups
 
@@ -70,3 +71,10 @@ def test_estimates_without_a_covariance_that_is_one_forbid_the_verdict(tmp_path:
     (tmp_path / "mostly.py").write_text(NO_COVARIANCE)
     _, found = tables(tmp_path, '{e1: {method: "./mostly.py:Mostly", sensors: [s1]}}', 12)
     assert verdicts(found)["NEES"] == "unknown: 95 % of the covariances are none"
+
+
+def test_what_is_sent_because_it_surprises_is_not_judged_by_its_innovations(tmp_path: Path) -> None:
+    sends = "sensors.s1.send={send_on_delta: {threshold: 0.2}}"
+    _, found = tables(tmp_path, "{e1: {method: kalman, sensors: [s1]}}", 4, sends)
+    assert verdicts(found)["NIS"] == "not judged: sent because it surprises"
+    assert found.rows[1][7] == "-"
