@@ -324,6 +324,26 @@ def test_several_estimators_of_a_trial_make_one_value() -> None:
     assert sample(select(counted), "packets.sent").values.tolist() == [7.0, np.inf]
 
 
+def two_estimators(first: np.ndarray, second: np.ndarray, metric: str) -> pa.Table:
+    """Return rows of two estimators whose trials have these values."""
+    return pa.concat_tables([table(first, metric), table(second, metric)])
+
+
+def test_one_too_sure_and_one_too_humble_do_not_make_a_consistent_pair() -> None:
+    """Ratios of 0.05 and 1.95 have the mean 1; each is far from it."""
+    noise = np.random.default_rng(9).lognormal(0.0, 0.05, (4, 30))
+    lying = select(two_estimators(0.05 * noise[0], 1.95 * noise[1], "nees.ratio"))
+    honest = select(two_estimators(noise[2], noise[3], "nees.ratio"))
+    expected = 0.5 * (np.abs(np.log(0.05 * noise[0])) + np.abs(np.log(1.95 * noise[1])))
+    assert sample(lying, "nees.ratio").values == pytest.approx(expected)
+    found = compare([Contender("A", "A", lying), Contender("B", "B", honest)], ["nees.ratio"])
+    assert found.compared[0].verdict is Verdict.SECOND
+    said = lines(found)[0]
+    assert "median difference 1.78 in |log ratio|" in said
+    assert "A nearer to 1 in 0 and farther from 1 in 30 of 30 common trials" in said
+    assert {own["of"] for own in facts(found)["samples"]} == {"|log nees.ratio|"}
+
+
 def test_equal_contenders_are_called_better_in_no_more_than_5_percent_of_comparisons() -> None:
     """Four equal estimators on common trials, six comparisons; the false-alarm rate is below 1e-6."""
     rng, runs, wrong = np.random.default_rng(4), 60, 0
