@@ -177,7 +177,7 @@ def least_p(paired: bool, first: int, second: int) -> float:
     """Return the smallest p value that samples of these sizes can give."""
     if paired:
         return float(min(1.0, 2.0 ** (1 - first)))
-    return min(1.0, 2.0 / math.comb(first + second, first))
+    return min(1.0, 2 / math.comb(first + second, first))
 
 
 def _mean(values: Floats) -> float:

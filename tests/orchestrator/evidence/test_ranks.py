@@ -142,6 +142,13 @@ def test_few_pairs_tell_the_least_p_that_they_can_give() -> None:
     assert (found.shift.low, found.shift.high) == (-np.inf, np.inf)
 
 
+def test_a_thousand_trials_of_each_are_compared_unpaired() -> None:
+    a, b = np.random.default_rng(9).normal(size=(2, 1000))
+    found = unpaired_difference(a, b + 1.0)
+    assert found.least_p == 0.0  # 2 over a number with 600 digits
+    assert found.shift.holds(-1.0)
+
+
 def test_holm_is_the_step_down_procedure() -> None:
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.9, 0.6]) == [1.0, 1.0]
