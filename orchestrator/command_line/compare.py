@@ -82,14 +82,22 @@ def _print(comparison: Comparison) -> None:
     from orchestrator.evidence.wording import figure, lines
 
     console = verdict_console()
-    table = Table("contender", box=None, header_style="bold", pad_edge=False)
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("contender", overflow="fold")
     table.add_column("trials", justify="right")
     for metric in comparison.metrics:
         table.add_column(f"median {label(metric)}", justify="right")
+        if label(metric) != metric:
+            table.add_column(f"median {metric}", justify="right")
     for i, contender in enumerate(comparison.contenders):
         own = [samples[i] for samples in comparison.samples]
         trials = str(max(sample.values.size + sample.undefined for sample in own))
-        table.add_row(contender.name, trials, *(figure(sample.median) for sample in own))
+        medians = []
+        for metric, sample in zip(comparison.metrics, own, strict=True):
+            medians.append(figure(sample.median))
+            if label(metric) != metric:
+                medians.append(figure(sample.plain_median))
+        table.add_row(contender.name, trials, *medians)
     console.print(table)
     for line in lines(comparison):
         console.print()

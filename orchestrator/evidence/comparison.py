@@ -12,14 +12,13 @@ difference small; and who is infinite more often is not called better for being 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
 from orchestrator.evidence.bootstrap import CONFIDENCE
-from orchestrator.evidence.comparability import different_ground, different_numbers
 from orchestrator.evidence.contenders import Contender
 from orchestrator.evidence.metrics import Better, meaning_of
 from orchestrator.evidence.ranks import (
@@ -65,7 +64,8 @@ class Compared:
         The p value after Holm's correction over all comparisons made together.
     relative
         The difference over the mean of the two medians; NaN where these are not positive and finite, and
-        where it tells nothing: one is infinite alone, or no shift describes how they differ.
+        where it tells nothing: one is infinite alone, or no shift describes how they differ. Of a ratio that
+        is best at 1 by how much farther from it the first is, as a factor less 1.
     trials_needed
         How many pairs (or trials of each) could come to a verdict at all; None where there are enough.
     verdict
@@ -156,21 +156,33 @@ def _compared(
     metric, first, second = names
     (p, number), (confidence, margin) = family, settings
     level = 1.0 - confidence
-    with np.errstate(invalid="ignore"):
-        scale = 0.5 * (medians[0] + medians[1])
-    is_measured = difference.is_shift and not any(difference.infinite_alone)
-    scale = scale if is_measured and np.isfinite(scale) and scale > 0.0 else np.nan
-    relative, reach = difference.shift.value / scale, scale * margin
+    better = meaning_of(metric).better
+    relative, reach = _relative(better, medians, difference, margin)
     within = -reach <= difference.shift.low and difference.shift.high <= reach
     needed, verdict = None, Verdict.UNDEFINED
     if min(difference.sizes):
         needed = _needed(difference, level / number)
-        verdict = _verdict(meaning_of(metric).better, difference, p <= level, level / number)
+        verdict = _verdict(better, difference, p <= level, level / number)
         if verdict is Verdict.UNDECIDED and needed is not None:
             verdict = Verdict.TOO_FEW
         elif verdict is Verdict.UNDECIDED and within:
             verdict = Verdict.EQUAL
     return Compared(metric, first, second, difference, p, relative, needed, verdict, within)
+
+
+def _relative(
+    better: Better, medians: tuple[float, float], difference: Difference, margin: float
+) -> tuple[float, float]:
+    """Return the relative difference, and the difference that the margin is; NaN where they tell nothing."""
+    if not difference.is_shift or any(difference.infinite_alone):
+        return np.nan, np.nan
+    if better is Better.ONE:
+        return float(np.expm1(difference.shift.value)), float(np.log1p(margin))
+    with np.errstate(invalid="ignore"):
+        scale = 0.5 * (medians[0] + medians[1])
+    if not (np.isfinite(scale) and scale > 0.0):
+        return np.nan, np.nan
+    return difference.shift.value / scale, scale * margin
 
 
 def _needed(difference: Difference, level: float) -> int | None:
@@ -211,44 +223,3 @@ def _less_infinite(difference: Difference) -> Verdict | None:
     if first == second:
         return None
     return Verdict.FIRST if first < second else Verdict.SECOND
-
-
-def warnings(comparison: Comparison) -> list[str]:
-    """Return why metrics of the contenders may not be of the same thing."""
-    names = [contender.name for contender in comparison.contenders]
-    numbers = [len(set(contender.rows.text("node"))) for contender in comparison.contenders]
-    documents = [contender.document for contender in comparison.contenders]
-    return [*different_ground(names, documents), *different_numbers(names, numbers, comparison.metrics)]
-
-
-def remarks(comparison: Comparison) -> Iterator[str]:
-    """Yield what a reader must know of the contenders and of their samples."""
-    for contender in comparison.contenders:
-        yield from _remarks_on_rows(contender)
-    for metric, samples in zip(comparison.metrics, comparison.samples, strict=True):
-        for contender, own in zip(comparison.contenders, samples, strict=True):
-            yield from _remarks(contender.name, metric, own)
-
-
-def _remarks_on_rows(contender: Contender) -> Iterator[str]:
-    """Yield what the figures must not be taken for."""
-    rows = contender.rows
-    for node, attacks in rows.privileged.items():
-        yield f"{contender.name}: an oracle tells {node} of {attacks}, which no honest estimator knows"
-    if rows.incomplete:
-        total, steps = rows.trials, int(contender.document.get("steps", 0))
-        record = "its record" if total == 1 else f"the record of {rows.incomplete} of {total} trials"
-        there = f" ({steps - rows.most_missing} of {steps} steps)" if total == 1 and steps else ""
-        yield f"{contender.name}: {record} is incomplete{there}; figures are those of what is there"
-
-
-def _remarks(name: str, metric: str, own: Sample) -> Iterator[str]:
-    of = f"of {own.values.size + own.undefined} trials"
-    if own.failed:
-        yield f"{name}: {own.failed} {of} failed; they count as the worst there can be"
-    if own.infinite > own.failed:
-        yield (
-            f"{name}: {metric} is infinite in {own.infinite - own.failed} {of}; these rank behind all others"
-        )
-    if own.undefined:
-        yield f"{name}: {metric} is undefined in {own.undefined} {of}; these are left out"

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from orchestrator.evidence.comparison import Compared, Comparison, remarks, warnings
+from orchestrator.evidence.comparison import Compared, Comparison
 from orchestrator.evidence.intervals import Interval
 from orchestrator.evidence.metrics import label
 from orchestrator.evidence.ranks import Difference
+from orchestrator.evidence.remarks import remarks, warnings
 from orchestrator.evidence.samples import Sample
 from orchestrator.evidence.wording import practical_size, sentence
 
@@ -43,6 +44,7 @@ def _sample(own: Sample) -> dict[str, Any]:
         "undefined": own.undefined,
         "infinite": own.infinite,
         "median": _number(own.median),
+        "plain_median": _number(own.plain_median),
     }
 
 

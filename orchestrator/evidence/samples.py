@@ -31,14 +31,16 @@ _TOGETHER: Mapping[str, Callable[[Floats, Ints, Ints], Floats]] = {
 class Sample:
     """The values of a metric in the trials in which it is known, infinite where unbounded.
 
-    ``failed`` trials came to no score and count as the worst there can be; ``undefined`` ones have no value
-    and are left out; ``infinite`` are those without bound, failed ones included.
+    ``failed`` trials came to no score and count as the worst there can be, unless no trial that did has a
+    value; ``undefined`` ones have no value and are left out; ``infinite`` are those without bound, failed
+    ones included. ``plain_median`` is that of the metric itself, of one whose values here are distances.
     """
 
     keys: Sequence[Key]
     values: Floats
     failed: int
     undefined: int
+    plain_median: float
 
     @property
     def infinite(self) -> int:
@@ -54,17 +56,21 @@ class Sample:
 def sample(rows: Rows, metric: str) -> Sample:
     """Return a metric in each trial of some rows; of one that is best at 1 the mean of its ``|log|``."""
     better = meaning_of(metric).better
+    plain = by_trial(rows, metric)
     if better is Better.ONE:
         with np.errstate(divide="ignore"):
             off = np.abs(np.log(rows.scalar(metric)))
         values = together(metric, off, rows.trial, rows.trials)
     else:
-        values = _by_window(rows) if is_measured_by_window(metric) else by_trial(rows, metric)
-    worst = {Better.MORE: -np.inf, Better.NEITHER: np.nan}.get(better, np.inf)
-    values = np.where(rows.failed, worst, values)
+        values = plain = _by_window(rows) if is_measured_by_window(metric) else plain
+    if not np.isnan(values).all() or rows.failed.all():
+        worst = {Better.MORE: -np.inf, Better.NEITHER: np.nan}.get(better, np.inf)
+        values = np.where(rows.failed, worst, values)
     known = ~np.isnan(values)
     keys = [key for key, is_known in zip(rows.keys, known, strict=True) if is_known]
-    return Sample(keys, values[known], int(rows.failed.sum()), int(np.sum(~known)))
+    failed, undefined = int(np.sum(rows.failed & known)), int(np.sum(~known))
+    plain = plain[~np.isnan(plain)]
+    return Sample(keys, values[known], failed, undefined, float(np.median(plain)) if plain.size else np.nan)
 
 
 def by_trial(rows: Rows, metric: str) -> Floats:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from orchestrator.evidence.comparison import Compared, Comparison, Verdict, remarks, warnings
+from orchestrator.evidence.comparison import Compared, Comparison, Verdict
 from orchestrator.evidence.metrics import Better, meaning_of
 from orchestrator.evidence.ranks import Difference
+from orchestrator.evidence.remarks import remarks, warnings
 
 _SIZES = ((0.01, "negligible"), (0.05, "small"), (0.2, "moderate"), (math.inf, "large"))
 _SURE = ((0.1, "hardly any"), (0.3, "a weak"), (0.5, "a clear"), (math.inf, "a strong"))
@@ -126,8 +127,9 @@ def _numbers(own: Compared, comparison: Comparison) -> str:
 def _shift(own: Compared, comparison: Comparison) -> str:
     """Return the difference as a shift with its interval."""
     difference, shift = own.difference, own.difference.shift
-    unit = " in |log ratio|" if meaning_of(own.metric).better is Better.ONE else ""
-    relative = f", {own.relative:+.1%} of their mean" if math.isfinite(own.relative) else ""
+    is_distance = meaning_of(own.metric).better is Better.ONE
+    unit, of = (" in |log ratio|", "in the ratio") if is_distance else ("", "of their mean")
+    relative = f", {own.relative:+.1%} {of}" if math.isfinite(own.relative) else ""
     interval = f"{comparison.confidence:.0%} interval {figure(shift.low)} to {figure(shift.high)}"
     level = 1.0 - comparison.confidence
     if difference.least_p > level:

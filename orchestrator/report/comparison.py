@@ -6,10 +6,11 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from orchestrator.evidence.comparison import Compared, Comparison, Verdict, compare, remarks, warnings
+from orchestrator.evidence.comparison import Compared, Comparison, Verdict, compare
 from orchestrator.evidence.contenders import Contender
 from orchestrator.evidence.metrics import label
 from orchestrator.evidence.price import find_twins, price
+from orchestrator.evidence.remarks import remarks, warnings
 from orchestrator.evidence.wording import figure, sentence
 from orchestrator.report.contents import Block, Choice, Figure, Mark, Table, Text, Trace, View
 from orchestrator.report.groups import Group, state_names

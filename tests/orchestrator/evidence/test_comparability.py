@@ -11,9 +11,10 @@ import pyarrow as pa
 import pytest
 
 from orchestrator.evidence.columns import select
-from orchestrator.evidence.comparison import compare, warnings
+from orchestrator.evidence.comparison import compare
 from orchestrator.evidence.contenders import Contender
 from orchestrator.evidence.facts import facts
+from orchestrator.evidence.remarks import warnings
 from orchestrator.evidence.wording import lines
 from orchestrator.registry import portable_name
 

@@ -344,6 +344,29 @@ def test_one_too_sure_and_one_too_humble_do_not_make_a_consistent_pair() -> None
     assert {own["of"] for own in facts(found)["samples"]} == {"|log nees.ratio|"}
 
 
+def test_two_ratios_near_1_are_equal_when_they_differ_by_less_than_the_margin_themselves() -> None:
+    """Distances of 0.01 and 0.02 from 1 differ twofold, and the ratios by one per cent."""
+    noise = np.random.default_rng(10).lognormal(0.0, 0.002, (2, 30))
+    found = compared({"A": 1.01 * noise[0], "B": 1.02 * noise[1]}, "nees.ratio")
+    own = found.compared[0]
+    assert own.verdict is Verdict.FIRST
+    assert own.within_margin
+    assert own.relative == pytest.approx(-0.01, abs=0.002)
+    assert "in the ratio" in lines(found)[0]
+    plain = [told["plain_median"] for told in facts(found)["samples"]]
+    assert plain == pytest.approx([1.01, 1.02], abs=0.002)
+    apart = compared({"A": 1.01 * noise[0], "B": 1.2 * noise[1]}, "nees.ratio").compared[0]
+    assert not apart.within_margin
+
+
+def test_a_metric_that_no_scored_trial_has_is_undefined_however_many_failed() -> None:
+    none = np.full(30, np.nan)
+    rows = [select(table(own, "detector.recall", failed=10)) for own in (none, TRIALS / TRIALS.max())]
+    found = compare([Contender(n, n, own) for n, own in zip("AB", rows, strict=True)], ["detector.recall"])
+    assert found.compared[0].verdict is Verdict.UNDEFINED
+    assert not any("worst" in line for line in lines(found) if "A:" in line)
+
+
 def test_equal_contenders_are_called_better_in_no_more_than_5_percent_of_comparisons() -> None:
     """Four equal estimators on common trials, six comparisons; the false-alarm rate is below 1e-6."""
     rng, runs, wrong = np.random.default_rng(4), 60, 0
