@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from orchestrator.campaign.summary import median_interval
 from orchestrator.evidence.bootstrap import Band, bootstrap, pooled, root_mean_square
 from orchestrator.evidence.calibration import HAPPENED, STATED, Calibration, attack_calibration
 from orchestrator.evidence.columns import Rows, select
 from orchestrator.evidence.figures import mean_curve, rmse_curve
-from orchestrator.evidence.intervals import Interval, only, share
+from orchestrator.evidence.intervals import Interval, median_of_trials, only, share
 from orchestrator.evidence.samples import by_trial
 from orchestrator.evidence.sources import Source, load_source
 from orchestrator.evidence.table import SWEPT
@@ -109,12 +108,6 @@ def over_trials(values: Floats, statistic: Statistic, above: float = 0.0) -> Fou
     return Found(_STATISTICS[statistic](known), (low, high), known.size)
 
 
-def _median(known: Floats) -> Interval:
-    found = median_interval(known)
-    low, high = (math.nan if bound is None else bound for bound in (found.low, found.high))
-    return Interval(found.median, low, high)
-
-
 def _mean(known: Floats) -> Interval:
     if not np.isfinite(known).all():
         return Interval(math.inf, math.nan, math.nan)
@@ -132,7 +125,7 @@ def _largest(known: Floats) -> Interval:
 
 
 _STATISTICS: Mapping[Statistic, Callable[[Floats], Interval]] = {
-    "median": _median,
+    "median": median_of_trials,
     "mean": _mean,
     "rms": _rms,
     "max": _largest,
