@@ -1,4 +1,4 @@
-"""What a test asks for, checked: which seeds, and which overrides."""
+"""What a test asks for, checked: which seeds, which overrides, how many steps."""
 
 from __future__ import annotations
 
@@ -36,13 +36,25 @@ def read_seeds(given: Any) -> tuple[int, ...]:
     return seeds
 
 
-def _read_seed(given: Any) -> int:
+def read_steps(given: Any) -> int:
+    """Return a number of steps; raises TypeError or ValueError when it is no whole number from 0."""
+    steps = _whole(given, f"steps={given!r} is {_what(given)}, which is no whole number; give steps from 0")
+    if steps < 0:
+        raise ValueError(f"steps={steps} is negative; give steps from 0")
+    return steps
+
+
+def _whole(given: Any, complaint: str) -> int:
     try:
         if isinstance(given, bool):
             raise TypeError
-        seed = operator.index(given)
+        return operator.index(given)
     except TypeError:
-        raise TypeError(f"seeds holds {given!r}, {_what(given)}, which is no whole number; {_CURE}") from None
+        raise TypeError(complaint) from None
+
+
+def _read_seed(given: Any) -> int:
+    seed = _whole(given, f"seeds holds {given!r}, {_what(given)}, which is no whole number; {_CURE}")
     if not 0 <= seed <= LARGEST_INTEGER:
         problem = "negative" if seed < 0 else "too large"
         raise ValueError(f"seed {seed} is {problem}; give whole numbers from 0 to 2^53 ({LARGEST_INTEGER})")

@@ -14,7 +14,7 @@ from orchestrator.score.gather import Gathered, Gatherer, gather
 from orchestrator.score.results import Score
 from orchestrator.testing import claims
 from orchestrator.testing.again import STATE, Record, Source, departure, record_again, run_with_log
-from orchestrator.testing.asked import read_overrides, read_seeds
+from orchestrator.testing.asked import read_overrides, read_seeds, read_steps
 from orchestrator.testing.claims import Claim, Names, Trial
 from orchestrator.testing.consistency import consistent
 from orchestrator.topology.resolved import Topology
@@ -124,15 +124,15 @@ class Trials:
     def assert_detects_within(self, steps: int, *, share: float = 1.0, link: Names = None) -> None:
         """Assert that detectors find attacks soon: at least a share of the windows within some steps.
 
-        A window is one attack on one link in one trial. One that the run's end cut off before ``steps`` steps
-        had passed is left out, found or not: those that are found early would else count alone. A failure
-        tells how many these are, and when no window is left, that is one.
+        A window is one attack on one link in one trial. Without ``link`` those links count, in all trials, on
+        which any trial has a verdict; a trial without one missed what was there. A window that the run's end
+        cut off before ``steps`` steps had passed is left out, found or not: those that are found early would
+        else count alone. A failure tells how many are left out, and when no window is left, that is one.
         """
         __tracebackhide__ = True
-        if steps < 0 or not 0.0 < share <= 1.0:
-            raise ValueError(
-                f"steps={steps}, share={share:g}: give steps from 0, and a share above 0, up to 1"
-            )
+        steps = read_steps(steps)
+        if not 0.0 < share <= 1.0:
+            raise ValueError(f"share={share:g}: give a share above 0, up to 1")
         self._require(claims.detects_within(self.topology, self.trials, steps, share, link))
 
     def assert_metric(

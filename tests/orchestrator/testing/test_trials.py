@@ -239,12 +239,90 @@ def test_attacks_are_found_in_time_or_told_where_they_were_not(
         calm_trials.assert_detects_within(5)
 
 
-@pytest.mark.parametrize(("steps", "share"), [(-1, 0.5), (1, 1.7), (1, 0.0)])
+@pytest.mark.parametrize(
+    ("steps", "share", "words"),
+    [
+        (-1, 0.5, "steps=-1 is negative; give steps from 0"),
+        (1.5, 0.5, "steps=1.5 is a float, which is no whole number; give steps from 0"),
+        (True, 0.5, "steps=True is a bool, which is no whole number"),
+        (1, 1.7, "share=1.7: give a share above 0, up to 1"),
+        (1, 0.0, "share=0: give a share above 0, up to 1"),
+    ],
+)
 def test_a_share_or_delay_that_no_detector_could_have_is_refused(
-    calm_trials: Trials, steps: int, share: float
+    calm_trials: Trials, steps: int, share: float, words: str
 ) -> None:
-    with pytest.raises(ValueError, match="give steps from 0, and a share above 0, up to 1"):
+    with pytest.raises((TypeError, ValueError), match=words):
         calm_trials.assert_detects_within(steps, share=share)
+
+
+MOODY = """
+from nodes.contract import Belief, Detection
+from nodes.estimators.kalman import Kalman
+
+
+class Moody(Kalman):
+    def __init__(self, setting, *, mute: bool = False):
+        super().__init__(setting, threshold=20.0, on_alarm="reject")
+        self.works, self.mute = setting.rng.random() < 0.5, mute
+
+    def estimate(self, step):
+        own = super().estimate(step)
+        told = own.detections
+        if not self.works:
+            told = [] if self.mute else [Detection(it.source, it.sequence, 0.0, False) for it in told]
+        return Belief(state=own.state, covariance=own.covariance, detections=told)
+"""
+"""An estimator whose detector works in half of the trials, and in others gives no alarm, or no verdict."""
+
+
+def moody(make: Make, folder: Path, seeds: range, *overrides: str, mute: bool) -> tuple[Trials, int]:
+    """Return trials of a moody estimator, and how many of them gave an alarm."""
+    (folder / "moody.py").write_text(MOODY)
+    method = "estimators.e1.method=./moody.py:Moody", f"estimators.e1.mute={str(mute).lower()}"
+    trials = make("attacked.yaml", seeds, *method, *overrides)
+    return trials, sum(own.windows[0].delay is not None for own in trials.scores)
+
+
+def test_a_trial_without_a_verdict_counts_as_one_without_an_alarm(make: Make, folder: Path) -> None:
+    failures = []
+    for mute in (False, True):
+        trials, found = moody(make, folder, range(12), mute=mute)
+        assert 0 < found < 12
+        assert sum(score.windows[0].judged for score in trials.scores) == (found if mute else 12)
+        trials.assert_detects_within(5, share=found / 12)
+        with pytest.raises(AssertionError, match=f"{found} of 12 attacks .* expected a share of 1") as told:
+            trials.assert_detects_within(5, share=1.0)
+        failures.append(str(told.value))
+    assert "(s1->e1 from step 20: never)" in failures[0]
+    assert "(s1->e1 from step 20: never, without a verdict)" in failures[1]
+
+
+def test_links_that_no_trial_judged_count_only_when_they_are_named(make: Make) -> None:
+    attacks = "attacks=[{bias: {value: 5}, on: 's*->e*', steps: [20, 25]}]"
+    deaf, seeds = ("estimators.e2.threshold=null", "estimators.e2.on_alarm=flag", attacks), range(4)
+    trials = make("attacked.yaml", seeds, *deaf)
+    trials.assert_detects_within(5, share=1.0)
+    with pytest.raises(AssertionError, match="4 of 8 attacks") as told:
+        trials.assert_detects_within(5, share=1.0, link="s*->e*")
+    assert "s2->e2 from step 20: never, without a verdict" in str(told.value)
+    left_out = r"0 of 4 attacks .*; 4 more on links that no trial judged are left out"
+    with pytest.raises(AssertionError, match=left_out):
+        make("attacked.yaml", seeds, *deaf, "estimators.e1.threshold=1e9").assert_detects_within(5)
+    nobody = ("estimators.e1.threshold=null", "estimators.e1.on_alarm=flag")
+    none = r"no attack met a detector .*; 8 were on links that no detector judged"
+    with pytest.raises(AssertionError, match=none):
+        make("attacked.yaml", seeds, *deaf, *nobody).assert_detects_within(5)
+
+
+def test_a_share_is_kept_when_it_is_met_exactly(make: Make, folder: Path) -> None:
+    """14 of 25 are a share of 0.56, though 25 times 0.56 is more than 14 in binary numbers."""
+    trials, _ = moody(make, folder, range(60), "steps=30", mute=False)
+    found = [own for own in trials.trials if own.score.windows[0].delay is not None]
+    missed = [own for own in trials.trials if own.score.windows[0].delay is None]
+    of(trials, [*found[:14], *missed[:11]]).assert_detects_within(5, share=0.56)
+    with pytest.raises(AssertionError, match="13 of 25 attacks"):
+        of(trials, [*found[:13], *missed[:12]]).assert_detects_within(5, share=0.56)
 
 
 def test_an_attack_that_the_end_cut_off_tells_nothing_either_way(make: Make) -> None:
