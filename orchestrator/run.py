@@ -63,8 +63,8 @@ def _pretty(facts: Mapping[str, object]) -> bytes:
     return msgspec.json.format(msgspec.json.encode(facts), indent=2) + b"\n"
 
 
-def _unwritable(path: Path, error: OSError) -> str:
-    return f"{path} cannot be written: {error.strerror}; free some space or choose another --out"
+def _unwritable(path: Path, error: OSError, option: str) -> str:
+    return f"{path} cannot be written: {error.strerror}; free some space or choose another {option}"
 
 
 def _write_whole(path: Path, content: bytes) -> None:
@@ -76,7 +76,7 @@ def _write_whole(path: Path, content: bytes) -> None:
         raise
 
 
-def _begin_log(topology: Topology, directory: Path) -> LogWriter:
+def _begin_log(topology: Topology, directory: Path, option: str) -> LogWriter:
     """Write the resolved topology and the beginning of the log."""
     facts = provenance(topology.plan, topology.hash)
     topics = canonical_topics(topology.plan)
@@ -84,7 +84,7 @@ def _begin_log(topology: Topology, directory: Path) -> LogWriter:
         _write_whole(directory / TOPOLOGY, topology.resolved_yaml().encode())
         return LogWriter(directory / LOG, facts, topology.experiment_json(), topics)
     except OSError as error:
-        raise NotBegunError(_unwritable(directory / TOPOLOGY, error)) from error
+        raise NotBegunError(_unwritable(directory / TOPOLOGY, error, option)) from error
     except LogError as error:
         raise NotBegunError(str(error)) from error
 
@@ -120,20 +120,23 @@ def _carry_out(
     return exit_codes.PASSED, ""
 
 
-def run_topology(topology: Topology, directory: Path, backend: Backend, progress: Progress) -> RunReport:
+def run_topology(
+    topology: Topology, directory: Path, backend: Backend, progress: Progress, option: str = "--out"
+) -> RunReport:
     """Run a topology and write log, score, timing, resolved topology and node logs into the directory.
 
-    Whatever happens to the run, what was recorded is kept and scored. Raises `NotBegunError` when not even
-    the beginning of the log can be written.
+    Whatever happens to the run, what was recorded is kept and scored. ``option`` is what the user chooses the
+    place with, for the text of errors. Raises `NotBegunError` when not even the beginning of the log can be
+    written.
     """
     timing = Timing()
-    with raising_interrupts(), _begin_log(topology, directory) as writer:
+    with raising_interrupts(), _begin_log(topology, directory, option) as writer:
         recorder = Recorder(topology.plan, writer, topology.settings.window)
         code, message = _carry_out(topology, recorder, backend, directory, progress, timing)
         with UNINTERRUPTED:
             result, trouble = _conclude(recorder, writer, directory / LOG)
             beside = {SCORE: result.to_json(), TIMING: _pretty(timing.facts(backend))}
-            trouble = _write_beside(directory, beside) or trouble
+            trouble = _write_beside(directory, beside, option) or trouble
     if trouble:
         code, message = exit_codes.RUN_FAILED, message or trouble
     elif code == exit_codes.PASSED and not result.passed:
@@ -155,12 +158,12 @@ def _conclude(recorder: Recorder, writer: LogWriter, log: Path) -> tuple[Score, 
     return result, ""
 
 
-def _write_beside(directory: Path, contents: Mapping[str, bytes]) -> str:
+def _write_beside(directory: Path, contents: Mapping[str, bytes], option: str) -> str:
     """Write files beside the log; return what went wrong with the last that could not be written."""
     trouble = ""
     for name, content in contents.items():
         try:
             _write_whole(directory / name, content)
         except OSError as error:
-            trouble = _unwritable(directory / name, error)
+            trouble = _unwritable(directory / name, error, option)
     return trouble

@@ -31,17 +31,20 @@ def log_in(path: Path) -> Path:
     return path / LOG
 
 
-def make_run_directory(out: Path | None, name: str, seed: int, parent: Path = Path("runs")) -> Path:
+def make_run_directory(
+    out: Path | None, name: str, seed: int, parent: Path = Path("runs"), option: str = "--out"
+) -> Path:
     """Make and return the directory of a new run, with its folder for the nodes' logs.
 
-    Without ``out`` it is the first free ``<parent>/<name>-seed<seed>-<n>``. Raises `RunDirectoryError` when
-    ``out`` holds a run already or cannot be written.
+    Without ``out`` it is the first free ``<parent>/<name>-seed<seed>-<n>``. ``option`` is what the user
+    chooses the place with, for the text of errors. Raises `RunDirectoryError` when ``out`` holds a run
+    already or cannot be written.
     """
     try:
-        directory = _first_free(parent, f"{name}-seed{seed}") if out is None else _chosen(out)
+        directory = _first_free(parent, f"{name}-seed{seed}", option) if out is None else _chosen(out)
         (directory / NODE_LOGS).mkdir(exist_ok=True)
     except OSError as error:
-        raise RunDirectoryError(f"{error.filename}: {error.strerror}; choose another --out") from error
+        raise RunDirectoryError(f"{error.filename}: {error.strerror}; choose another {option}") from error
     return directory
 
 
@@ -54,7 +57,7 @@ def _chosen(out: Path) -> Path:
     return out
 
 
-def _first_free(parent: Path, stem: str) -> Path:
+def _first_free(parent: Path, stem: str, option: str) -> Path:
     parent.mkdir(parents=True, exist_ok=True)
     for number in range(1, _MOST_RUNS):
         directory = parent / f"{stem}-{number}"
@@ -64,5 +67,5 @@ def _first_free(parent: Path, stem: str) -> Path:
             continue
         return directory
     raise RunDirectoryError(
-        f"{parent} holds {_MOST_RUNS} runs of {stem}; remove some or choose another --out"
+        f"{parent} holds {_MOST_RUNS} runs of {stem}; remove some or choose another {option}"
     )

@@ -8,6 +8,7 @@ from orchestrator.campaign.directory import CampaignError, read_facts
 from orchestrator.evidence.rows import FAILED
 from orchestrator.evidence.sources import RESULTS, load_source, topology_file
 from orchestrator.evidence.table import SWEPT
+from orchestrator.score.repetition import shown
 
 _OF_THE_CAMPAIGN = ("variant", "message")
 _MOST_REPLAYS = 1000
@@ -48,6 +49,6 @@ def compared(directory: Path, variant: int, trial: int, run: Path) -> str:
     names = [name for name in own.column_names if name not in _OF_THE_CAMPAIGN and not name.startswith(SWEPT)]
     differing = [name for name in names if own[name].combine_chunks() != rows[name].combine_chunks()]
     if differing:
-        shown = ", ".join(differing[:6]) + (", ..." if len(differing) > 6 else "")
-        return f"the score is NOT that of the campaign ({shown}): are the versions and the machine the same?"
+        told = shown(differing)
+        return f"the score is NOT that of the campaign ({told}): are the versions and the machine the same?"
     return "the score is that of the campaign's row, bit for bit"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -82,7 +83,8 @@ def sweep(
     if json:
         print_json(done.facts())
     else:
-        typer.echo(f"one trial with its log: gauntlet replay {done.directory} --trial {first_trial}")
+        folder = quote(str(done.directory))
+        typer.echo(f"one trial with its log: gauntlet replay {folder} --trial {first_trial}")
     raise typer.Exit(done.exit_code)
 
 

@@ -37,20 +37,23 @@ def run_tests(
     ] = None,
 ) -> None:
     """Run topology files and check everything that they expect; `_*.yaml` in folders are bases, no tests."""
+    from orchestrator.exit_codes import RUN_FAILED
+    from orchestrator.interrupts import UNINTERRUPTED, Interrupted
     from orchestrator.testing.suite import Options, exit_code, find_files, run_files
 
     files = find_files(paths, pattern)
     kept = logs or Path(tempfile.mkdtemp(prefix="gauntlet-test-"))
-    results = []
-    for result in run_files(files, Options(kept, backend, seed), jobs):
-        typer.echo("\n".join(_lines(result)))
-        results.append(result)
-    if logs is None and not any(kept.iterdir()):
-        kept.rmdir()
-    typer.echo(_summary(results))
-    if junit is not None:
-        _write(junit, results)
-    raise typer.Exit(exit_code(results))
+    results = run_files(files, Options(kept, backend, seed), jobs, _tell)
+    with UNINTERRUPTED:
+        if logs is None and not any(kept.iterdir()):
+            kept.rmdir()
+        typer.echo(_summary(results))
+        if junit is not None:
+            _write(junit, results)
+    code = exit_code(results)
+    if code > RUN_FAILED:
+        raise Interrupted(code - 128)
+    raise typer.Exit(code)
 
 
 def _write(path: Path, results: list[FileResult]) -> None:
@@ -61,6 +64,10 @@ def _write(path: Path, results: list[FileResult]) -> None:
         path.write_bytes(junit_xml(results))
     except OSError as error:
         fail(f"{path} cannot be written: {error.strerror}; choose another --junit")
+
+
+def _tell(result: FileResult) -> None:
+    typer.echo("\n".join(_lines(result)))
 
 
 def _lines(result: FileResult) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
+from shlex import quote
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from orchestrator.evidence.columns import state_groups
@@ -71,6 +72,7 @@ class Campaign(EvidenceFrames):
     def __getattr__(self, name: str) -> NoReturn:
         """Tell where to find what only a run has."""
         if name in RECORDED:
-            cure = f"write the log of a trial with `gauntlet replay {self.path} --trial 0`, and load that"
+            command = f"gauntlet replay {quote(str(self.path))} --trial 0"
+            cure = f"write the log of a trial with `{command}`, and load that"
             raise SourceError(f"{self.path} is a campaign, and keeps no {name}; {cure}")
         raise AttributeError(f"a campaign has no {name}; it has {', '.join(EVIDENCE)} and arrays")

@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from io import BytesIO
+from shlex import quote
 from typing import BinaryIO, NamedTuple, TypeVar
 
 import zstandard
@@ -135,7 +136,7 @@ def _chunk_content(data: bytes) -> ChunkContent:
 def _damage(stream: BinaryIO, offset: int) -> LogError:
     return LogError(
         f"{stream.name} is damaged at or after byte {offset}; run it again, or save what is whole with "
-        f"`gauntlet log recover {stream.name}`"
+        f"`gauntlet log recover {quote(stream.name)}`"
     )
 
 

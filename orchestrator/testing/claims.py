@@ -177,26 +177,25 @@ def _node_value(score: Score, estimator: str, metric: str) -> float:
 def detects_within(
     topology: Topology, trials: Sequence[Trial], steps: int, share: float, link: Names
 ) -> Claim:
-    """Judge that at least a share of the attack windows on judged links is found within some steps."""
+    """Judge that at least a share of the attack windows is found within some steps.
+
+    The windows are those on links that are named, or else that a detector judged in any trial: one that gave
+    no verdict on such a link in another trial missed what was there.
+    """
     links = set(_named_links(topology, link))
-    windows = [
-        (trial, window)
-        for trial in trials
-        for window in trial.score.windows
-        if window.judged and window.link in links
-    ]
+    every = [(trial, window) for trial in trials for window in trial.score.windows if window.link in links]
+    counted = links if link is not None else {window.link for _, window in every if window.judged}
+    windows = [pair for pair in every if pair[1].link in counted]
     told = [pair for pair in windows if _was_watched(pair[1], pair[0].score, steps)]
-    cut = len(windows) - len(told)
+    unjudged, cut = len(every) - len(windows), len(windows) - len(told)
     if not told:
-        cure = (
-            f"; {cut} were cut off by the run's end: give a larger 'steps:', or attack earlier" if cut else ""
-        )
-        return Claim((f"no attack met a detector for {_steps(steps)}{cure}",))
+        return Claim((f"no attack met a detector for {_steps(steps)}{_why_none(unjudged, cut)}",))
     late = [pair for pair in told if pair[1].delay is None or pair[1].delay > steps]
     found = len(told) - len(late)
-    if found >= share * len(told):
+    if found / len(told) >= share:
         return Claim(())
     left_out = f"; {cut} more were cut off by the run's end before that, and are left out" if cut else ""
+    left_out += f"; {unjudged} more on links that no trial judged are left out" if unjudged else ""
     line = (
         f"{found} of {len(told)} attacks ({found / len(told):.3g}) were found within {_steps(steps)}, "
         f"expected a share of {share:g}{left_out}"
@@ -204,9 +203,15 @@ def detects_within(
     late.sort(key=lambda pair: -(math.inf if pair[1].delay is None else pair[1].delay))
     blamed: dict[int, str] = {}
     for trial, window in late:
-        when = "never" if window.delay is None else f"after {_steps(window.delay)}"
+        never = "never" if window.judged else "never, without a verdict"
+        when = never if window.delay is None else f"after {_steps(window.delay)}"
         blamed.setdefault(trial.seed, f"{window.link} from step {window.first}: {when}")
     return Claim((line,), "found too late", tuple(blamed.items()))
+
+
+def _why_none(unjudged: int, cut: int) -> str:
+    told = f"; {cut} were cut off by the run's end: give a larger 'steps:', or attack earlier" if cut else ""
+    return told + (f"; {unjudged} were on links that no detector judged in any trial" if unjudged else "")
 
 
 def _steps(number: int) -> str:

@@ -6,11 +6,14 @@ import re
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from orchestrator.exit_codes import BAD_INPUT
+from orchestrator.exit_codes import BAD_INPUT, RUN_FAILED
 from orchestrator.testing.suite import FileResult
 
 _UNPRINTABLE = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """What XML 1.0 cannot hold, not even escaped."""
+
+_KINDS = {BAD_INPUT: "bad input", RUN_FAILED: "failed run"}
+"""By exit code: why a file came to no verdict. Signals have the other codes."""
 
 
 def _clean(text: str) -> str:
@@ -44,7 +47,7 @@ def _add_suite(whole: Element, result: FileResult) -> None:
     share = result.seconds / max(len(result.cases), 1)
     where = f"\nlog: {result.log}" if result.log else ""
     if result.error:
-        kind = "bad input" if result.exit_code == BAD_INPUT else "failed run"
+        kind = _KINDS.get(result.exit_code, "interrupted")
         first = result.error.partition("\n")[0]
         text = f"{result.error}\n{result.detail}{where}"
         _add_trouble(_add_case(suite, "comes to a verdict", share), "error", kind, first, text)

@@ -40,7 +40,7 @@ def _gauntlet_logs(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPat
     return Path(pytestconfig.invocation_params.dir, chosen)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def topology(
     request: pytest.FixtureRequest, _gauntlet_trials: dict[Any, Any], _gauntlet_logs: Path
 ) -> Callable[..., Trials]:
@@ -59,19 +59,19 @@ def topology(
         backend: Literal["inprocess", "processes"] = "inprocess",
     ) -> Trials:
         __tracebackhide__ = True
+        from orchestrator.testing.asked import read_overrides, read_seeds
         from orchestrator.testing.trials import run_trials
         from orchestrator.topology.load import load_topology
 
-        changes, here = tuple(overrides), request.path.parent
+        changes, here = read_overrides(overrides), request.path.parent
+        asked = None if seeds is None else read_seeds(seeds)
         loaded = load_topology(os.path.normpath(here / file), changes, directory=here)
-        if isinstance(seeds, int):
-            raise TypeError(
-                f"seeds={seeds} is a single number; give several, as in seeds=range({seeds or 20})"
-            )
-        chosen = (loaded.plan.seed,) if seeds is None else tuple(seeds)
+        chosen = asked or (loaded.plan.seed,)
         key = (here, loaded.path, loaded.hash, chosen, changes, backend)
         if key not in _gauntlet_trials:
-            _gauntlet_trials[key] = run_trials(loaded, chosen, _gauntlet_logs, backend, changes, here)
+            _gauntlet_trials[key] = run_trials(
+                loaded, chosen, _gauntlet_logs, backend, changes, here, "--gauntlet-logs"
+            )
         trials: Trials = _gauntlet_trials[key]
         return trials
 

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import os
 import shutil
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from multiprocessing import active_children, get_context
 from pathlib import Path
 
 from orchestrator import exit_codes
 from orchestrator.choices import Backend
 from orchestrator.errors import InputError
+from orchestrator.interrupts import Interrupted
 from orchestrator.run import NotBegunError, RunReport, run_topology
 from orchestrator.run_directory import LOG, RunDirectoryError, make_run_directory
 from orchestrator.score.results import Outcome
+from orchestrator.testing.workers import fresh_processes
 from orchestrator.topology.load import is_base, load_topology
 from orchestrator.topology.problems import TopologyError
 from orchestrator.topology.resolved import Topology
@@ -30,6 +32,7 @@ _RESULTS = (LOG, "campaign.json")
 """Files that tell a folder of results: the topologies in it are what was run, not tests."""
 _WORDS = {"<=": "at most", ">=": "at least", "==": "exactly"}
 _NAMES_SHOWN = 3
+_LOGS_OPTION = "--logs"
 
 
 @dataclass(frozen=True)
@@ -139,9 +142,9 @@ def run_file(path: Path, options: Options) -> FileResult:
         return FileResult(path, seconds=_since(began))
     said = io.StringIO()
     try:
-        directory = make_run_directory(None, topology.name, topology.plan.seed, parent=options.logs)
+        directory = make_run_directory(None, topology.name, topology.plan.seed, options.logs, _LOGS_OPTION)
         with contextlib.redirect_stderr(said):
-            report = run_topology(topology, directory, options.backend, lambda recorded: None)
+            report = run_topology(topology, directory, options.backend, lambda recorded: None, _LOGS_OPTION)
     except (NotBegunError, RunDirectoryError) as error:
         return FileResult(path, error=str(error), exit_code=exit_codes.RUN_FAILED, seconds=_since(began))
     return _result(path, topology, report, said.getvalue(), _since(began))
@@ -163,29 +166,53 @@ def _result(path: Path, topology: Topology, report: RunReport, said: str, second
     return FileResult(path, (), error, said, report.exit_code, log, seconds)
 
 
-def run_files(paths: Sequence[Path], options: Options, jobs: int = 1) -> Iterator[FileResult]:
-    """Yield what became of each file, in their order; ``jobs`` of them run at a time.
+@dataclass(frozen=True)
+class _Pending:
+    """A file that is run, here or in another process: how to wait for its result, and whether it is there."""
 
-    An interrupted run is the last.
+    path: Path
+    result: Callable[[], FileResult]
+    ready: Callable[[], bool]
+
+
+def run_files(
+    paths: Sequence[Path], options: Options, jobs: int = 1, tell: Callable[[FileResult], None] | None = None
+) -> list[FileResult]:
+    """Return what became of each file, in their order; ``jobs`` of them run at a time.
+
+    ``tell`` is told each of them as soon as it is known. A signal (`Interrupted`, or a run that it ended)
+    ends them all: files that have come to no verdict by then are told and returned as such.
     """
+    results: list[FileResult] = []
+
+    def keep(result: FileResult) -> None:
+        results.append(result)
+        if tell is not None:
+            tell(result)
+
+    with _begun(paths, options, jobs) as files:
+        try:
+            for file in files:
+                keep(file.result())
+                if results[-1].exit_code > exit_codes.RUN_FAILED:
+                    raise Interrupted(results[-1].exit_code - 128)
+        except Interrupted as interrupt:
+            for file in files[len(results) :]:
+                keep(file.result() if file.ready() else _interrupted(file.path, options, interrupt))
+    return results
+
+
+@contextlib.contextmanager
+def _begun(paths: Sequence[Path], options: Options, jobs: int) -> Iterator[list[_Pending]]:
     if jobs == 1:
-        for path in paths:
-            result = run_file(path, options)
-            yield result
-            if result.exit_code > exit_codes.RUN_FAILED:
-                return
+        yield [_Pending(path, functools.partial(run_file, path, options), lambda: False) for path in paths]
         return
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
-    try:
-        waiting = [pool.submit(run_file, path, options) for path in paths]
-        for path, future in zip(paths, waiting, strict=True):
-            yield _result_of(path, future)
-    except BaseException:
-        for process in active_children():
-            process.kill()
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+    with fresh_processes(jobs) as pool:
+        futures = [pool.submit(run_file, path, options) for path in paths]
+        yield [
+            _Pending(path, functools.partial(_result_of, path, future), future.done)
+            for path, future in zip(paths, futures, strict=True)
+        ]
 
 
 def _result_of(path: Path, future: Future[FileResult]) -> FileResult:
@@ -194,6 +221,11 @@ def _result_of(path: Path, future: Future[FileResult]) -> FileResult:
     except BrokenProcessPool:
         error = "a worker process died; run this file alone with `gauntlet run`"
         return FileResult(path, error=error, exit_code=exit_codes.RUN_FAILED)
+
+
+def _interrupted(path: Path, options: Options, interrupt: Interrupted) -> FileResult:
+    error = f"interrupted by {interrupt}; if it had begun, its log is in {options.logs}"
+    return FileResult(path, error=error, exit_code=interrupt.exit_code)
 
 
 def exit_code(results: Iterable[FileResult]) -> int:

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import os
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NoReturn
 
 from bus.program import NodeError
 from orchestrator import exit_codes
 from orchestrator.choices import Backend
-from orchestrator.run import RunReport, run_topology
-from orchestrator.run_directory import LOG, make_run_directory
+from orchestrator.run_directory import LOG
 from orchestrator.score.gather import Gathered, Gatherer, gather
 from orchestrator.score.results import Score
 from orchestrator.testing import claims
+from orchestrator.testing.again import STATE, Record, Source, departure, record_again, run_with_log
+from orchestrator.testing.asked import read_overrides, read_seeds, read_steps
 from orchestrator.testing.claims import Claim, Names, Trial
 from orchestrator.testing.consistency import consistent
 from orchestrator.topology.resolved import Topology
@@ -39,30 +37,25 @@ class Trials:
     ----------
     topology
         What was run; each trial at its own seed.
-    overrides
-        What was overridden in its file, for the text of messages.
     trials
         The runs, in the order of the seeds.
-    write_log
-        Runs a seed again and returns its log.
-    directory
-        Where to run a seed again from: what the paths in overrides refer to.
+    source
+        What they were made of, to run a seed again.
+    records
+        By seed: the logs that there are already.
     """
 
     def __init__(
         self,
         topology: Topology,
-        overrides: Sequence[str],
         trials: Sequence[Trial],
-        write_log: Callable[[int], Path],
-        directory: Path,
+        source: Source,
+        records: Mapping[int, Record] | None = None,
     ) -> None:
         self.topology = topology
         self.trials = tuple(trials)
-        self._overrides = overrides
-        self._write_log = write_log
-        self._directory = directory
-        self._logs: dict[int, Path] = {}
+        self._source = source
+        self._records = dict(records or {})
 
     def __repr__(self) -> str:
         """Tell what was run."""
@@ -79,12 +72,25 @@ class Trials:
         return tuple(trial.score for trial in self.trials)
 
     def log(self, seed: int) -> Path:
-        """Return the MCAP log of a seed; it is written when it is first asked for, by the same run again."""
+        """Return the MCAP log of a seed.
+
+        Of trials in one process it is written when it is first asked for, by a run in a process of its own.
+        Warns when that run came out otherwise than the trial.
+        """
         if seed not in self.seeds:
             raise ValueError(f"seed {seed} was not run; there is {', '.join(map(str, self.seeds))}")
-        if seed not in self._logs:
-            self._logs[seed] = self._write_log(seed)
-        return self._logs[seed]
+        record = self._record(seed)
+        if differs := self._departure(seed, record):
+            warnings.warn(f"log of seed {seed}: {differs}", stacklevel=2)
+        return record.log
+
+    def _record(self, seed: int) -> Record:
+        if seed not in self._records:
+            self._records[seed] = record_again(self._source, seed)
+        return self._records[seed]
+
+    def _departure(self, seed: int, record: Record) -> str:
+        return departure(self.scores[self.seeds.index(seed)], record)
 
     def assert_passes(self) -> None:
         """Assert that every expectation of the file (``expect:``) holds at every seed."""
@@ -118,15 +124,15 @@ class Trials:
     def assert_detects_within(self, steps: int, *, share: float = 1.0, link: Names = None) -> None:
         """Assert that detectors find attacks soon: at least a share of the windows within some steps.
 
-        A window is one attack on one link in one trial. One that the run's end cut off before ``steps`` steps
-        had passed is left out, found or not: those that are found early would else count alone. A failure
-        tells how many these are, and when no window is left, that is one.
+        A window is one attack on one link in one trial. Without ``link`` those links count, in all trials, on
+        which any trial has a verdict; a trial without one missed what was there. A window that the run's end
+        cut off before ``steps`` steps had passed is left out, found or not: those that are found early would
+        else count alone. A failure tells how many are left out, and when no window is left, that is one.
         """
         __tracebackhide__ = True
-        if steps < 0 or not 0.0 < share <= 1.0:
-            raise ValueError(
-                f"steps={steps}, share={share:g}: give steps from 0, and a share above 0, up to 1"
-            )
+        steps = read_steps(steps)
+        if not 0.0 < share <= 1.0:
+            raise ValueError(f"share={share:g}: give a share above 0, up to 1")
         self._require(claims.detects_within(self.topology, self.trials, steps, share, link))
 
     def assert_metric(
@@ -159,11 +165,17 @@ class Trials:
             more = "; ..." if len(claim.blamed) > _SEEDS_SHOWN else ""
             lines.append(f"{claim.blame}: {'; '.join(shown)}{more}")
             worst = claim.blamed[0][0]
-            options = "".join(f" --set '{override}'" for override in self._overrides)
-            file = os.path.relpath(self.topology.path, self._directory)
-            lines.append(f"again, in {self._directory}: gauntlet run {file} --seed {worst}{options}")
-            lines.append(f"log of seed {worst}: {self.log(worst)}")
+            lines += [self._source.command(worst), self._tell_log(worst)]
         return "\n".join(lines)
+
+    def _tell_log(self, seed: int) -> str:
+        """Return where the log of a seed is; a log that cannot be had hides nothing else."""
+        try:
+            record = self._record(seed)
+        except Exception as error:
+            return f"there is no log of seed {seed}: {error}"
+        differs = self._departure(seed, record)
+        return f"log of seed {seed}: {record.log}" + (f"\n{differs}" if differs else "")
 
 
 def run_trials(
@@ -173,6 +185,7 @@ def run_trials(
     backend: Backend = "inprocess",
     overrides: Sequence[str] = (),
     directory: Path | None = None,
+    logs_option: str = "logs",
 ) -> Trials:
     """Run a topology at each seed.
 
@@ -187,30 +200,33 @@ def run_trials(
     backend
         One process a node, or all in this one; the results are the same.
     overrides
-        What was overridden in the topology's file, for the text of messages.
+        What was overridden in the topology's file.
     directory
         What paths in the overrides refer to; None for the current directory.
+    logs_option
+        What the user chooses ``logs`` with, for the text of errors.
 
     Raises
     ------
     TrialError
         When a node's code raises, or a run fails otherwise.
+    TypeError, ValueError
+        For seeds that cannot be meant.
+    RunDirectoryError
+        When the folder for logs cannot be used, with the backend ``processes``.
     """
     __tracebackhide__ = True
-    if not seeds:
-        raise ValueError("there are no seeds to run; give at least one, as in seeds=range(20)")
-    if min(seeds) < 0:
-        raise ValueError(f"seed {min(seeds)} is negative; give whole numbers from 0")
-
-    def write_log(seed: int) -> Path:
-        return _run_with_log(topology.at(seed=seed), logs, "inprocess").directory / LOG
-
-    run = _run_in_memory if backend == "inprocess" else _run_in_processes
-    trials = [run(topology.at(seed=seed), logs) for seed in seeds]
-    return Trials(topology, overrides, trials, write_log, directory or Path.cwd())
+    chosen, changes, here = read_seeds(seeds), read_overrides(overrides), directory or Path.cwd()
+    trial = topology.plan.trial
+    source = Source(topology.path, changes, here, backend, trial, logs, logs_option)
+    if backend == "inprocess":
+        return Trials(topology, [_run_in_memory(topology.at(seed=seed), source) for seed in chosen], source)
+    pairs = [_run_in_processes(topology.at(seed=seed), source) for seed in chosen]
+    records = {trial.seed: record for trial, record in pairs}
+    return Trials(topology, [trial for trial, _ in pairs], source, records)
 
 
-def _run_in_memory(topology: Topology, logs: Path) -> Trial:
+def _run_in_memory(topology: Topology, source: Source) -> Trial:
     __tracebackhide__ = True
     from orchestrator.backends.inprocess import run_messages
 
@@ -218,37 +234,38 @@ def _run_in_memory(topology: Topology, logs: Path) -> Trial:
     try:
         run_messages(topology.plan, gatherer.take)
     except NodeError as error:
-        report = _run_with_log(topology, logs, "inprocess")
-        _fail(topology, str(error), report.directory / LOG, error)
+        raise _failed(topology, str(error), _tell_failed_again(source, topology.plan.seed, error)) from error
     return _trial(topology, gatherer.finish())
 
 
-def _run_in_processes(topology: Topology, logs: Path) -> Trial:
+def _tell_failed_again(source: Source, seed: int, error: NodeError) -> str:
+    """Return where the log of a run is that failed, up to there; it is run once more for that."""
+    try:
+        record = record_again(source, seed)
+    except Exception as reason:
+        return f"there is no log: {reason}"
+    if record.message == str(error):
+        return f"log up to there: {record.log}"
+    ended = f"ended early, {record.message}" if record.message else "came to its end"
+    return f"log: {record.log}\nthe run does not repeat: this time it {ended}\n{STATE}"
+
+
+def _run_in_processes(topology: Topology, source: Source) -> tuple[Trial, Record]:
     __tracebackhide__ = True
     from orchestrator.log.reader import read_log
 
-    report = _run_with_log(topology, logs, "processes")
+    report = run_with_log(topology, source, "processes")
     log = report.directory / LOG
     if report.exit_code not in (exit_codes.PASSED, exit_codes.EXPECTATION_FAILED):
-        _fail(topology, report.message, log)
+        raise _failed(topology, report.message, f"log up to there: {log}")
     held = read_log(log)
-    return _trial(topology, gather(topology.plan, held.records()), held.departed)
+    trial = _trial(topology, gather(topology.plan, held.records()), held.departed)
+    return trial, Record(log, trial.score)
 
 
-def _run_with_log(topology: Topology, logs: Path, backend: Backend) -> RunReport:
-    """Run and keep everything that the run leaves, in a folder of its own."""
-    directory = make_run_directory(None, topology.name, topology.plan.seed, parent=logs)
-    with contextlib.redirect_stderr(io.StringIO()):
-        report = run_topology(topology, directory, backend, lambda recorded: None)
-    if report.exit_code > exit_codes.RUN_FAILED:
-        raise KeyboardInterrupt(report.message)
-    return report
-
-
-def _fail(topology: Topology, message: str, log: Path, cause: BaseException | None = None) -> NoReturn:
-    __tracebackhide__ = True
+def _failed(topology: Topology, message: str, log: str) -> TrialError:
     place = f"{topology.name} ({topology.path}), seed {topology.plan.seed}"
-    raise TrialError(f"{place}: {message}\nlog up to there: {log}") from cause
+    return TrialError(f"{place}: {message}\n{log}")
 
 
 def _trial(topology: Topology, gathered: Gathered, departed: Mapping[str, int] | None = None) -> Trial:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+import pytest
 
+from orchestrator.evidence.sources import SourceError
+from orchestrator.handoff import load
 from tests.orchestrator.campaign.conftest import Home, table_of
 
 GRID = "channel...failure=0.05,0.4"
@@ -23,6 +28,19 @@ def test_a_replayed_trial_has_its_log_and_the_score_of_its_row(home: Home) -> No
     row = rows.filter(pc.and_(pc.equal(rows["variant"], 1), pc.equal(rows["trial"], 3)))
     passed = row["passed"][0].as_py()
     assert done.returncode == (0 if passed else 1)
+
+
+def test_the_command_that_a_campaign_ends_with_replays_a_trial_whatever_its_folder_is_called(
+    home: Home,
+) -> None:
+    done = home.command("sweep", "small.yaml", "--trials", "1", "--out", "the first's out")
+    (told,) = re.findall(r"one trial with its log: gauntlet (.*)", done.stdout)
+    again = home.command(*shlex.split(told))
+    assert "the score is that of the campaign's row, bit for bit" in again.stderr
+    with pytest.raises(SourceError) as refused:
+        _ = load(home.folder / "the first's out").estimates
+    (advised,) = re.findall(r"`gauntlet (.*)`", str(refused.value))
+    assert shlex.split(advised) == ["replay", str(home.folder / "the first's out"), "--trial", "0"]
 
 
 def test_a_score_that_is_not_that_of_the_row_is_told(home: Home) -> None:

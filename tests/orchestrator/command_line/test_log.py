@@ -138,6 +138,8 @@ def test_a_damaged_log_is_refused_with_its_cure(gauntlet: Command, finished_run:
         answer = gauntlet(*command, "damaged.mcap")
         assert answer.code == 2
         assert "gauntlet log recover damaged.mcap" in answer.err
+    (home / "the damaged.mcap").write_bytes(damaged)
+    assert "`gauntlet log recover 'the damaged.mcap'`" in gauntlet("score", "the damaged.mcap").err
     mended = gauntlet("log", "recover", "damaged.mcap")
     assert mended.code == 0
     assert "; damaged chunks that are lost: 1" in mended.out

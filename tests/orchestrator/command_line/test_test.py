@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import time
@@ -85,6 +86,15 @@ def test_a_report_that_cannot_be_written_is_told(gauntlet: Command, home: Path) 
     assert "choose another --junit" in answer.err
 
 
+def test_a_folder_for_logs_that_cannot_be_made_is_told_by_its_own_option(
+    gauntlet: Command, home: Path
+) -> None:
+    (home / "file").touch()
+    answer = gauntlet("test", "small.yaml", "--logs", "file/logs")
+    assert answer.code == 3
+    assert "file/logs: Not a directory; choose another --logs" in answer.out
+
+
 def test_a_folder_of_this_repository_keeps_its_promises(gauntlet: Command) -> None:
     folder = ROOT / "topologies/sadeghzadeh2022"
     answer = gauntlet("test", folder)
@@ -114,6 +124,34 @@ def test_a_signal_ends_the_suite_and_all_its_workers(
     assert "interrupted by SIGTERM" in said
     assert len(running) >= 2
     _eventually(lambda: not any(Path(f"/proc/{child}").exists() for child in running))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_interrupted_suite_reports_what_is_finished_and_marks_the_rest(
+    gauntlet_process: Callable[..., subprocess.Popen[str]], home: Path, jobs: int
+) -> None:
+    for name in ("long", "longer"):
+        (home / f"{name}.yaml").write_text(f"extends: small.yaml\nname: {name}\nsteps: 50000\n")
+    (home / "short.yaml").write_text("extends: small.yaml\n")
+    files, last = ["small.yaml", "long.yaml", "longer.yaml"], "long"
+    if jobs == 2:  # one worker is at the long file while the other goes through the rest
+        files, last = ["long.yaml", "small.yaml", "short.yaml", "longer.yaml"], "longer"
+    options = ("-j", str(jobs), "--logs", "kept", "--junit", "junit.xml")
+    suite = gauntlet_process("test", *files, *options, start_new_session=True)
+    _eventually((home / "kept" / f"{last}-seed7-1" / "run.mcap").exists)
+    os.killpg(suite.pid, signal.SIGINT)  # as a terminal does: the workers get it too
+    told, said = suite.communicate(timeout=PATIENCE_S)
+    assert suite.returncode == 128 + signal.SIGINT
+    assert said == "gauntlet: interrupted by SIGINT\n"
+    assert f"{len(files)} files" in told
+    root = check_junit((home / "junit.xml").read_bytes())
+    errors = {suite.attrib["name"]: [error.attrib for error in suite.iter("error")] for suite in root}
+    assert list(errors) == files
+    assert [name for name, found in errors.items() if found] == ["long.yaml", "longer.yaml"]
+    for name in ("long.yaml", "longer.yaml"):
+        (error,) = errors[name]
+        assert error["type"] == "interrupted"
+        assert "interrupted by SIGINT" in error["message"]
 
 
 def _eventually(condition: Callable[[], Any]) -> Any:

@@ -32,6 +32,29 @@ def test_shared(topology):
     assert topology("calm.yaml").seeds == (0,)
     assert topology("calm.yaml").scores != topology("calm.yaml", overrides=["steps=20"]).scores
 """
+ASKED = """
+import pytest
+
+@pytest.fixture(scope="module")
+def many(topology):
+    return topology("calm.yaml", seeds=range(2))
+
+def test_a_fixture_of_the_module_runs_trials(many, topology):
+    assert many is topology("calm.yaml", seeds=[0, 1])
+
+@pytest.mark.parametrize(("asked", "words"), [
+    ({"seeds": 5}, "seeds=5 is an int"),
+    ({"seeds": [1.5]}, "seeds holds 1.5"),
+    ({"seeds": [2**70]}, "too large"),
+    ({"overrides": "steps=50"}, "overrides='steps=50' is a str"),
+])
+def test_what_cannot_be_meant_is_refused_before_anything_is_read(topology, asked, words):
+    with pytest.raises((TypeError, ValueError), match=words):
+        topology("missing.yaml", **asked)
+
+def test_no_log(topology):
+    topology("calm.yaml", seeds=range(3)).assert_rmse("position", at_most=0.001)
+"""
 BAD = """
 def test_overconfident(topology):
     overrides = ["estimators.e2.method=./overconfident.py:Overconfident"]
@@ -60,7 +83,8 @@ def test_good_filters_pass_and_bad_ones_fail_with_numbers_seeds_and_logs(pyteste
     (ratio,) = set(re.findall(r"ANEES of e2 over its degrees of freedom is (\S+) at step", text))
     assert 2.5 < float(ratio) < 9.0
     assert "false-alarm rate of this assertion: 0.001" in text
-    (again,) = set(re.findall(r"again, in \S+checks: gauntlet run calm.yaml --seed (\d+) --set '(.*)'", text))
+    command = r"again, in \S+checks: gauntlet run calm.yaml --seed (\d+) --set (.*) --backend inprocess"
+    (again,) = set(re.findall(command, text))
     assert again[1] == "estimators.e2.method=./overconfident.py:Overconfident"
     (log,) = set(re.findall(rf"log of seed {again[0]}: (\S+)", text))
     assert Path(log).is_relative_to(pytester.path / "kept")
@@ -68,6 +92,18 @@ def test_good_filters_pass_and_bad_ones_fail_with_numbers_seeds_and_logs(pyteste
     assert re.search(r"TrialError: calm \(\S+\), seed 4: e2 failed in step 7: ArithmeticError", text)
     (partial,) = set(re.findall(r"log up to there: (\S+run\.mcap)", text))
     assert {payload.step for payload in read_log(Path(partial)).payloads()} >= set(range(7))
+
+
+def test_what_is_asked_is_checked_and_logs_that_cannot_be_written_hide_no_assertion(
+    pytester: pytest.Pytester,
+) -> None:
+    write_project(pytester.path, asked=ASKED)
+    pytester.path.joinpath("file").touch()
+    result = pytester.runpytest_subprocess(*PLUGIN[:-1], "file/kept", timeout=90)
+    result.assert_outcomes(passed=5, failed=1)
+    text = result.stdout.str()
+    assert "above it alone, 3 of 3" in text
+    assert re.search(r"no log of seed \d: \S+: Not a directory; choose another --gauntlet-logs", text)
 
 
 def test_installing_gauntlet_gives_pytest_the_fixture_and_costs_other_projects_nothing(
