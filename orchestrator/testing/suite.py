@@ -18,8 +18,8 @@ from pathlib import Path
 from orchestrator import exit_codes
 from orchestrator.choices import Backend
 from orchestrator.errors import InputError
-from orchestrator.run import NotBegunError, RunReport, run_topology
-from orchestrator.run_directory import LOG, RunDirectoryError, make_run_directory
+from orchestrator.run import RunReport, run_topology
+from orchestrator.run_directory import LOG, make_run_directory
 from orchestrator.score.results import Outcome
 from orchestrator.topology.load import is_base, load_topology
 from orchestrator.topology.problems import TopologyError
@@ -142,9 +142,9 @@ def run_file(path: Path, options: Options) -> FileResult:
         directory = make_run_directory(None, topology.name, topology.plan.seed, parent=options.logs)
         with contextlib.redirect_stderr(said):
             report = run_topology(topology, directory, options.backend, lambda recorded: None)
-    except (NotBegunError, RunDirectoryError) as error:
-        return FileResult(path, error=str(error), exit_code=exit_codes.RUN_FAILED, seconds=_since(began))
-    return _result(path, topology, report, said.getvalue(), _since(began))
+        return _result(path, topology, report, said.getvalue(), _since(began))
+    except InputError as error:  # of this run's files, so of this file alone
+        return FileResult(path, (), str(error), said.getvalue(), exit_codes.RUN_FAILED, None, _since(began))
 
 
 def _since(began: float) -> float:

@@ -130,6 +130,57 @@ def test_several_at_a_time_come_to_the_same_results_in_the_same_order(calm: Path
     ]
 
 
+SPOILING = """
+from nodes.contract import Detection
+from nodes.estimators.kalman import Kalman
+
+
+class Swapping(Kalman):
+    def estimate(self, step):
+        belief = super().estimate(step)
+        return type(belief)(belief.state, belief.covariance, detections=[Detection(step, "s1", 0.5, False)])
+
+
+class Tidying(Kalman):
+    def __init__(self, setting, *, folder: str):
+        super().__init__(setting)
+        self.folder = folder
+
+    def estimate(self, step):
+        for log in __import__("pathlib").Path(self.folder).rglob("spoilt*/run.mcap"):
+            log.unlink()
+        return super().estimate(step)
+"""
+
+
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [
+        (
+            "{method: './spoiling.py:Swapping'}",
+            "e2 failed in step 0: TypeError: detections[0].source must be",
+        ),
+        ("{method: './spoiling.py:Tidying', folder: '%s'}", "run.mcap cannot be read"),
+    ],
+)
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_run_whose_log_is_spoilt_is_the_error_of_its_file_and_the_next_is_run(
+    calm: Path, options: Options, method: str, words: str, jobs: int
+) -> None:
+    (calm / "spoiling.py").write_text(SPOILING)
+    spoilt = calm / "a_spoilt.yaml"
+    spoilt.write_text(
+        "name: spoilt\nextends: calm.yaml\nestimators: {e2: "
+        + method.replace("%s", str(options.logs))
+        + "}\n"
+    )
+    first, second = run_files([spoilt, calm / "calm.yaml"], options, jobs)
+    assert words in first.error
+    assert (first.exit_code, first.cases) == (exit_codes.RUN_FAILED, ())
+    assert (second.exit_code, len(second.cases)) == (exit_codes.PASSED, 2)
+    check_junit(junit_xml([first, second]))
+
+
 def test_the_exit_code_is_the_gravest() -> None:
     results = [FileResult(Path("a.yaml"), exit_code=code) for code in (0, 2, 1)]
     assert exit_code(results) == exit_codes.BAD_INPUT
