@@ -11,7 +11,7 @@ import numpy as np
 
 from orchestrator.errors import InputError
 from orchestrator.evidence.rows import FAILED
-from orchestrator.score.gather import Floats, Ints
+from orchestrator.score.gather import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -75,6 +75,14 @@ class Rows:
             return 0
         return int(np.nanmax(self.scalar(MISSING), initial=0.0))
 
+    @property
+    def alive(self) -> Bools:
+        """The steps (R, K) before an estimator's divergence."""
+        step = self.scalar("divergence_step")
+        first = np.where(np.isnan(step), np.inf, step)
+        alive: Bools = np.arange(self.steps) < first[:, None]
+        return alive
+
     def scalar(self, name: str) -> Floats:
         """Return a column of numbers (R,), NaN where undefined."""
         return np.asarray(self._column(name).to_numpy(zero_copy_only=False), dtype=np.float64)
@@ -90,6 +98,17 @@ class Rows:
         dense = np.full((self.trial.size, int(lengths.max(initial=0))), np.nan)
         begin = np.concatenate([[0], np.cumsum(lengths)])[row]
         dense[row, np.arange(row.size) - begin] = values
+        return dense
+
+    def by_step(self, name: str, steps: int) -> Floats:
+        """Return a column of lists of M values a step as (R, K, M), NaN where a row has fewer a step."""
+        row, values = self.flat(name)
+        lengths = np.bincount(row, minlength=self.trial.size)
+        each = lengths // max(1, steps)
+        dense = np.full((self.trial.size, steps, int(each.max(initial=0))), np.nan)
+        at = np.arange(row.size) - np.concatenate([[0], np.cumsum(lengths)])[row]
+        step, component = np.divmod(at, np.maximum(each, 1)[row])
+        dense[row, step, component] = values
         return dense
 
     def flat(self, name: str) -> tuple[Ints, Any]:

@@ -4,7 +4,8 @@ All averages are over their degrees of freedom, so that 1 is consistent whatever
 independent chi-square figures is chi-square with the sum of their degrees of freedom (Bar-Shalom, Li and
 Kirubarajan 2001, section 5.4). In one step the trials are independent, so the bounds of each step are exact
 for NEES and NIS of a linear Gaussian filter that knows its models. Over steps NIS is independent and NEES is
-not: its average over a whole campaign is judged by the spread of the trials' own averages instead.
+not, and estimators that follow one plant share its noise: such averages are judged by the spread of the
+trials' own averages instead.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from typing import Literal
 import numpy as np
 
 from orchestrator.evidence.bootstrap import CONFIDENCE
-from orchestrator.evidence.intervals import Interval, mean_of_trials
 from orchestrator.score.consistency import chi_square_bounds
 from orchestrator.score.gather import Bools, Floats, Ints
 
 Judgement = Literal["consistent", "overconfident", "conservative", "unknown"]
+
+_VAGUE = 0.1
+"""Bounds that reach below this say nothing: a filter ten times too careful would be within."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +39,6 @@ class ByStep:
     high: Floats
     dof: Ints
     samples: Ints
-
-    @property
-    def inside(self) -> float:
-        """The share of the steps that are within their bounds; NaN without any."""
-        known = ~np.isnan(self.ratio)
-        within = (self.low <= self.ratio) & (self.ratio <= self.high)
-        return float(within[known].mean()) if known.any() else np.nan
 
 
 @dataclass(frozen=True)
@@ -61,13 +57,13 @@ class Overall:
     def judgement(self) -> Judgement:
         """What the bounds say: errors larger than believed are overconfidence.
 
-        Bounds that reach down to 0 hold every filter that is too careful, so that being within says nothing.
+        Bounds that reach down to nearly 0 hold every filter that is too careful: being within says nothing.
         """
         if not self.low <= self.high:
             return "unknown"
         if self.ratio > self.high:
             return "overconfident"
-        if self.low <= 0.0:
+        if self.low < _VAGUE:
             return "unknown"
         return "conservative" if self.ratio < self.low else "consistent"
 
@@ -112,16 +108,39 @@ def overall_independent(
 
 
 def overall_by_trial(
-    figures: Floats, dof: Ints, counted: Bools | None = None, confidence: float = CONFIDENCE
+    figures: Floats,
+    dof: Ints,
+    counted: Bools | None = None,
+    confidence: float = CONFIDENCE,
+    trial: Ints | None = None,
 ) -> Overall:
-    """Return the average of chi-square figures (N, K) that are correlated over the steps of a trial: NEES.
+    """Return the average of chi-square figures (N, K) that are independent between trials alone.
 
-    The trials' own averages are independent; the bounds are 1 plus and minus the reach of Student's interval
-    of their mean, and NaN for one trial, from which nothing of that kind can be said.
+    ``trial`` (N,) is the number of the trial that each row is of; without it each row is one. NEES is
+    correlated over the steps of a trial, and estimators of one trial have its plant in common.
+
+    The trials' own averages ``m_i`` of mean ``m`` and variance ``s^2`` are taken for scaled chi-squares
+    (Satterthwaite 1946): over N trials with ``nu = 2 N m^2 / s^2`` degrees of freedom. As nu is
+    estimated, the bounds are those of ``chi^2_nu / nu`` at the normal quantiles that Student's take the
+    place of. The quotient ``s / m`` does not depend on ``m`` for such figures, so that campaigns whose
+    errors happen to be small are not taken for too careful. NaN for one trial, from which nothing of
+    that kind can be said.
     """
+    from scipy.special import gammainccinv, gammaincinv, ndtr, stdtrit
+
     values, dof, kept = _counted(figures, dof, counted)
-    total = dof.sum(axis=1)
+    if trial is None:
+        trial = np.arange(len(values))
+    total = np.bincount(trial, dof.sum(axis=1))
     some = total > 0
-    found: Interval = mean_of_trials(values.sum(axis=1)[some] / total[some], confidence)
-    reach = found.high - found.value
-    return Overall(found.value, 1.0 - reach, 1.0 + reach, int(kept.sum()))
+    means = np.bincount(trial, values.sum(axis=1))[some] / total[some]
+    if means.size < 2:
+        return Overall(float(means[0]) if means.size else np.nan, np.nan, np.nan, int(kept.sum()))
+    mean = float(means.mean())
+    spread = float(np.var(means / mean, ddof=1)) if mean > 0.0 else 0.0
+    if not spread > 0.0:
+        return Overall(mean, 1.0, 1.0, int(kept.sum()))
+    shape = float(means.size / spread)  # half of the degrees of freedom
+    tail = float(ndtr(-stdtrit(means.size - 1, (1.0 + confidence) / 2.0)))
+    low, high = float(gammaincinv(shape, tail)) / shape, float(gammainccinv(shape, tail)) / shape
+    return Overall(mean, low, high, int(kept.sum()))

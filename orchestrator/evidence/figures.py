@@ -1,33 +1,18 @@
-"""What the rows of one variant show of its estimators: errors, consistency, agreement, communication.
+"""What the rows of one variant show of its estimators: errors, agreement, communication.
 
 Several estimators of one trial are pooled inside the trial; the trials are what intervals are taken over.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar
 
 import numpy as np
 
 from orchestrator.evidence.bootstrap import CONFIDENCE, Band, bootstrap, pooled
 from orchestrator.evidence.columns import Rows
-from orchestrator.evidence.consistency import Overall, overall_by_trial, overall_independent
 from orchestrator.evidence.intervals import Interval, only, share
-from orchestrator.evidence.whiteness import Whiteness, standardised_nis, whiteness
-from orchestrator.score.gather import Bools, Floats, Ints
-
-T = TypeVar("T")
-ChiSquare = Literal["nees", "nis"]
-
-
-def _alive(rows: Rows) -> Bools:
-    """Return the steps (R, K) before an estimator's divergence."""
-    step = rows.scalar("divergence_step")
-    first = np.where(np.isnan(step), np.inf, step)
-    alive: Bools = np.arange(rows.steps) < first[:, None]
-    return alive
+from orchestrator.score.gather import Floats
 
 
 def _pooled(rows: Rows, above: Floats, below: Floats, confidence: float, *, root: bool = True) -> Band:
@@ -40,7 +25,7 @@ def _pooled(rows: Rows, above: Floats, below: Floats, confidence: float, *, root
 
 def rmse_curve(rows: Rows, group: str, confidence: float = CONFIDENCE) -> Band:
     """Return the RMSE of a state group at each step, over the trials in which it has not diverged by then."""
-    error = np.where(_alive(rows), rows.series(f"error.{group}"), np.nan)
+    error = np.where(rows.alive, rows.series(f"error.{group}"), np.nan)
     return _pooled(rows, error**2, np.ones_like(error), confidence)
 
 
@@ -68,68 +53,6 @@ def divergences(rows: Rows, confidence: float = CONFIDENCE) -> Interval:
 
 
 @dataclass(frozen=True)
-class Split(Generic[T]):
-    """A figure over all steps, over those in which an attack reached the estimator, and over the others."""
-
-    all: T
-    attacked: T
-    unattacked: T
-
-    @staticmethod
-    def of(figure: Callable[[Bools], T], counted: Bools, attacked: Bools) -> Split[T]:
-        """Return a figure of each choice of steps, given which count and which were attacked."""
-        return Split(*(figure(where) for where in (counted, counted & attacked, counted & ~attacked)))
-
-
-@dataclass(frozen=True)
-class Consistency:
-    """NEES and NIS over all steps, split by attack.
-
-    ``whiteness`` is that of innovations, or of NIS where there are none (``from_nis``).
-    """
-
-    nees: Split[Overall]
-    nis: Split[Overall]
-    whiteness: Split[Whiteness]
-    from_nis: bool
-
-
-def chi_square_figures(rows: Rows, what: ChiSquare) -> tuple[Floats, Ints]:
-    """Return NEES or NIS (R, K) of rows with their degrees of freedom; 0 where there is no figure."""
-    figures = rows.series(what)
-    if what == "nis":
-        return figures, np.nan_to_num(rows.series("nis_dof")).astype(np.int64)
-    size = np.broadcast_to(rows.scalar("state_size").astype(np.int64)[:, None], figures.shape)
-    return figures, np.where(np.isfinite(figures), size, 0)
-
-
-def consistency(rows: Rows, from_step: int = 0, confidence: float = CONFIDENCE) -> Consistency:
-    """Return whether covariances and innovations are as they should be, from a step on.
-
-    Of several estimators in a trial each counts as a trial of its own in the chi-square bounds, which are
-    then only right for estimators whose errors do not depend on each other: choose one node to be sure.
-    """
-    attacked = rows.series("attacked") == 1.0
-    counted = _alive(rows) & (np.arange(rows.steps) >= from_step)
-    (nees, nees_dof), (nis, nis_dof) = chi_square_figures(rows, "nees"), chi_square_figures(rows, "nis")
-    innovation, from_nis = _innovations(rows, nis, nis_dof)
-    return Consistency(
-        Split.of(lambda where: overall_by_trial(nees, nees_dof, where, confidence), counted, attacked),
-        Split.of(lambda where: overall_independent(nis, nis_dof, where, confidence), counted, attacked),
-        Split.of(lambda where: whiteness(innovation, where, confidence=confidence), counted, attacked),
-        from_nis,
-    )
-
-
-def _innovations(rows: Rows, nis: Floats, dof: Ints) -> tuple[Floats, bool]:
-    """Return whitened innovations (R, K, M), and whether they had to be made of NIS."""
-    flat = rows.series("innovation")
-    if flat.shape[1]:
-        return flat.reshape(len(flat), rows.steps, -1), False
-    return standardised_nis(nis, dof), True
-
-
-@dataclass(frozen=True)
 class Efficiency:
     """Errors beside the bound that nobody beats: ``ratio`` is 1 for an estimator that meets it.
 
@@ -148,7 +71,7 @@ class Efficiency:
 def efficiency(rows: Rows, group: str, from_step: int = 0, confidence: float = CONFIDENCE) -> Efficiency:
     """Return how close the errors of a state group come to the posterior Cramer-Rao bound."""
     bound = rows.series(f"pcrb.{group}")
-    error = np.where(_alive(rows), rows.series(f"error.{group}"), np.nan)
+    error = np.where(rows.alive, rows.series(f"error.{group}"), np.nan)
     bound = np.where(np.isnan(error), np.nan, bound)
     late = np.arange(rows.steps) >= from_step
     known = ~np.isnan(bound) & late

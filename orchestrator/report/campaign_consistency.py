@@ -1,4 +1,4 @@
-"""Consistency over many trials: averages of NEES and NIS at each step, with their bounds."""
+"""Consistency over many trials: averages of NEES and NIS, with their bounds and verdicts."""
 
 from __future__ import annotations
 
@@ -8,9 +8,16 @@ from typing import get_args
 import numpy as np
 
 from orchestrator.evidence.bootstrap import Band
-from orchestrator.evidence.consistency import by_step
-from orchestrator.evidence.figures import ChiSquare, chi_square_figures
-from orchestrator.report.contents import Choice, Figure, Trace, View
+from orchestrator.evidence.consistency import Overall, by_step
+from orchestrator.evidence.consistency_of_rows import (
+    ChiSquare,
+    Consistency,
+    LeastWhite,
+    chi_square_figures,
+    consistency,
+)
+from orchestrator.report.campaign_tables import figure
+from orchestrator.report.contents import Choice, Figure, Mark, Table, Trace, View
 from orchestrator.report.group_pieces import band_traces
 from orchestrator.report.groups import Group
 from orchestrator.report.lines import log_axis, step_axis
@@ -18,6 +25,71 @@ from orchestrator.score.gather import Floats
 
 NODES = 16
 """Most estimators that can be chosen one by one."""
+
+_TONES = {"consistent": "good", "overconfident": "bad", "conservative": "warn", "unknown": "plain"}
+_PLAIN_TRIGGERS = ("periodic",)
+"""Event triggers whose silence tells nothing of the measurement."""
+
+
+def consistency_table(groups: Sequence[Group]) -> Table:
+    """Return NEES and NIS of each group over all steps, with their verdicts."""
+    rows = []
+    for group in groups:
+        found = consistency(group.rows, group.from_step, group.confidence)
+        for what, split in (("NEES", found.nees), ("NIS", found.nis)):
+            own = split.all
+            if np.isnan(own.ratio):
+                continue
+            bounds = "-" if np.isnan(own.low) else f"{own.low:.4g} to {own.high:.4g}"
+            rows.append(
+                (
+                    group.name,
+                    what,
+                    figure(own.ratio),
+                    bounds,
+                    _verdict(own, found, what, group),
+                    figure(split.attacked.ratio),
+                    figure(split.unattacked.ratio),
+                    _white(found.whiteness.all, group) if what == "NIS" else "-",
+                )
+            )
+    columns = ("variant", "figure", "by its dof", "if consistent", "verdict", "under attack", "else", "white")
+    return Table("Consistency over all steps", columns, rows, frozenset({0, 1}))
+
+
+def _verdict(own: Overall, found: Consistency, what: str, group: Group) -> Mark:
+    """Return a judgement, withheld where what is left out could only have made it worse."""
+    missing = []
+    if what == "NIS" and _hears_surprises(group):
+        return Mark("not judged: sent because it surprises", _TONES["unknown"])
+    if what == "NEES" and found.undefined:
+        missing.append(f"{100 * found.undefined:.3g} % of the covariances are none")
+    if found.diverged:
+        missing.append(f"{found.diverged:,} of {found.trials:,} trials diverged")
+    if not missing or own.judgement == "overconfident":
+        return Mark(own.judgement, _TONES[own.judgement])
+    return Mark(f"unknown: {', '.join(missing)}", _TONES["unknown"])
+
+
+def _white(least: LeastWhite, group: Group) -> str:
+    found = least.found
+    if np.isnan(found.p_value) or _hears_surprises(group):
+        return "-"
+    shown = "p < 0.001" if found.p_value < 0.001 else f"p {found.p_value:.2g}"
+    node = f"{least.node}: " if len(group.nodes) > 1 else ""
+    by = ", by NIS" if least.from_nis else ""
+    return f"{'yes' if found.is_white(group.confidence) else 'no'} ({node}{shown}{by})"
+
+
+def _hears_surprises(group: Group) -> bool:
+    """Return whether a sensor that is heard decides by its measurement whether to speak.
+
+    What it sends is then no draw from the law of innovations, even where the filter is optimal.
+    """
+    estimators, sensors = group.document["estimators"], group.document["sensors"]
+    heard = {name for node in group.nodes for name in estimators[node].get("sensors", ())}
+    triggers = [kind for name in heard for kind in sensors[name].get("send") or ()]
+    return any(kind not in _PLAIN_TRIGGERS for kind in triggers)
 
 
 def consistency_curves(groups: Sequence[Group], notes: list[str]) -> Figure | None:

@@ -13,12 +13,11 @@ from orchestrator.evidence.comparison import Comparison
 from orchestrator.evidence.detectors import Detection
 from orchestrator.evidence.figures import rmse
 from orchestrator.report.campaign_calibration import calibration_blocks
-from orchestrator.report.campaign_consistency import consistency_curves
+from orchestrator.report.campaign_consistency import consistency_curves, consistency_table
 from orchestrator.report.campaign_detection import detections, operating_figure, roc_curves, survival_figure
 from orchestrator.report.campaign_errors import error_curves, outcome_figure, trial_spread
 from orchestrator.report.campaign_tables import (
     bound_blocks,
-    consistency_table,
     detection_table,
     error_table,
     failure_table,
@@ -158,7 +157,15 @@ def _error_blocks(groups: Sequence[Group], by: str | None, notes: list[str]) -> 
 
 def _consistency_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
     curves = consistency_curves(groups, notes)
-    return [consistency_table(groups), *([curves] if curves else [])]
+    blocks: list[Block] = [consistency_table(groups)]
+    if any(len(group.nodes) > 1 for group in groups):
+        blocks.append(
+            Text(
+                "Estimators of one trial follow the same plant: their NEES and NIS are put together before "
+                "trials are compared, and the least white of them is named. --by node judges each alone."
+            )
+        )
+    return [*blocks, *([curves] if curves else [])]
 
 
 def _communication_blocks(groups: Sequence[Group]) -> list[Block]:

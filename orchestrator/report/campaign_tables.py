@@ -1,23 +1,22 @@
-"""Tables of many trials: variants, errors, consistency, detectors, and where it all comes from."""
+"""Tables of many trials: variants, errors, bounds, detectors, and where it all comes from."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from orchestrator.evidence.chosen import Chosen, shown
 from orchestrator.evidence.detectors import Detection
-from orchestrator.evidence.figures import consistency, efficiency, rmse, sent_rate
+from orchestrator.evidence.figures import efficiency, rmse, sent_rate
 from orchestrator.evidence.intervals import Interval, share
 from orchestrator.evidence.timing import step_time
-from orchestrator.report.contents import Mark, Table, Text
+from orchestrator.report.contents import Table, Text
 from orchestrator.report.groups import Group, Outcomes, state_names
 
 LISTED = 8
 """Most entries of a list that the table of origins names."""
-
-_TONES = {"consistent": "good", "overconfident": "bad", "conservative": "warn", "unknown": "plain"}
 
 
 def figure(value: float) -> str:
@@ -47,9 +46,9 @@ def variant_table(groups: Sequence[Group]) -> Table:
                 _span(group.nodes),
                 f"{own.trials:,}",
                 f"{own.failed:,}",
-                interval(share(own.passed, own.trials), percent=True),
-                interval(share(own.diverged, own.trials - own.failed), percent=True),
-                interval(sent_rate(group.rows), percent=True),
+                interval(share(own.passed, own.trials, group.confidence), percent=True),
+                interval(share(own.diverged, own.trials - own.failed, group.confidence), percent=True),
+                interval(sent_rate(group.rows, group.confidence), percent=True),
             )
         )
     columns = (
@@ -67,44 +66,28 @@ def error_table(groups: Sequence[Group]) -> Table:
     """Return the RMSE of each group in each state group."""
     states = state_names(groups)
     rows = [
-        (group.name, *(interval(rmse(group.rows, state, group.confidence)) for state in states))
+        (
+            group.name,
+            *(interval(rmse(group.rows, state, group.confidence)) for state in states),
+            _left_out(group),
+        )
         for group in groups
     ]
-    columns = ("variant", *("whole state" if state == "state" else state for state in states))
-    return Table("RMSE over all scored steps and trials", columns, rows)
+    columns = ("variant", *("whole state" if state == "state" else state for state in states), "left out")
+    return _without_empty_end(Table("RMSE over all scored steps and trials", columns, rows))
 
 
-def consistency_table(groups: Sequence[Group]) -> Table:
-    """Return NEES and NIS of each group over all steps, with their verdicts."""
-    rows = []
-    for group in groups:
-        found = consistency(group.rows, group.from_step, group.confidence)
-        for what, split in (("NEES", found.nees), ("NIS", found.nis)):
-            own = split.all
-            if np.isnan(own.ratio):
-                continue
-            bounds = "-" if np.isnan(own.low) else f"{max(own.low, 0.0):.4g} to {own.high:.4g}"
-            rows.append(
-                (
-                    group.name,
-                    what,
-                    figure(own.ratio),
-                    bounds,
-                    Mark(own.judgement, _TONES[own.judgement]),
-                    figure(split.attacked.ratio),
-                    figure(split.unattacked.ratio),
-                    _white(found.whiteness.all.p_value) if what == "NIS" else "-",
-                )
-            )
-    columns = ("variant", "figure", "by its dof", "if consistent", "verdict", "under attack", "else", "white")
-    return Table("Consistency over all steps", columns, rows, frozenset({0, 1}))
+def _without_empty_end(table: Table) -> Table:
+    """Return a table without its last column, where that is empty."""
+    if any(row[-1] for row in table.rows):
+        return table
+    return replace(table, columns=table.columns[:-1], rows=[row[:-1] for row in table.rows])
 
 
-def _white(p_value: float) -> str:
-    if np.isnan(p_value):
-        return "-"
-    shown = "p < 0.001" if p_value < 0.001 else f"p {p_value:.2g}"
-    return f"{'yes' if p_value >= 0.05 else 'no'} ({shown})"
+def _left_out(group: Group) -> str:
+    """Return how many estimators' trials have no finite error, empty for none."""
+    diverged = int(np.isfinite(group.rows.scalar("divergence_step")).sum())
+    return f"{diverged:,} of {group.rows.trial.size:,} diverged" if diverged else ""
 
 
 def bound_blocks(groups: Sequence[Group]) -> list[Table | Text]:
@@ -116,12 +99,13 @@ def bound_blocks(groups: Sequence[Group]) -> list[Table | Text]:
             reasons[reason] = reasons.get(reason, 0) + count
         if own[-1].steps:
             ratios = (interval(part.ratio) for part in own)
-            rows.append((group.name, *ratios, f"{100 * own[-1].steps:.3g} %", ", ".join(own[-1].given)))
-    columns = ("variant", *states, "of the steps", "given")
+            covered = f"{100 * own[-1].steps:.3g} %", ", ".join(own[-1].given)
+            rows.append((group.name, *ratios, *covered, _left_out(group)))
+    columns = ("variant", *states, "of the steps", "given", "left out")
     title = "RMSE over the posterior Cramér-Rao bound, in the steps in which that is right"
     blocks: list[Table | Text] = []
     if rows:
-        blocks.append(Table(title, columns, rows, frozenset({0, len(columns) - 1})))
+        blocks.append(_without_empty_end(Table(title, columns, rows, frozenset({0, len(columns) - 2}))))
     if reasons:
         told = "; ".join(f"{reason} ({count:,} rows)" for reason, count in sorted(reasons.items())[:6])
         blocks.append(Text(f"The posterior Cramér-Rao bound is refused where it would be wrong: {told}."))

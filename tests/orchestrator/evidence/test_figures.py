@@ -14,9 +14,9 @@ from orchestrator.campaign.sweep import Request, prepare, sweep
 from orchestrator.command_line.campaign_output import QuietProgress
 from orchestrator.errors import InputError
 from orchestrator.evidence.columns import ColumnError, Rows, select, state_groups
+from orchestrator.evidence.consistency_of_rows import consistency
 from orchestrator.evidence.detectors import delays, detection, judged_packets
 from orchestrator.evidence.figures import (
-    consistency,
     disagreement_curve,
     divergences,
     efficiency,
@@ -85,8 +85,8 @@ def test_an_optimal_filter_is_consistent_white_and_as_good_as_its_bound(campaign
     held = rows(campaign, "lone")
     found = consistency(held)
     assert found.nees.all.judgement == found.nis.all.judgement == "consistent"
-    assert found.whiteness.all.is_white(1 - 1e-3)
-    assert not found.from_nis
+    assert found.whiteness.all.found.is_white(1 - 1e-3)
+    assert not found.whiteness.all.from_nis
     assert found.nis.attacked.samples == 0  # no attack reached it
     efficient = efficiency(held, "state")
     assert (efficient.steps, efficient.refused, efficient.given) == (1.0, {}, ("own packets",))
@@ -101,6 +101,39 @@ def test_consistency_is_split_by_attack(campaign: Source) -> None:
     refused = efficiency(rows(campaign, "e2"), "state")
     assert refused.steps == 0.5
     assert list(refused.refused) == ["from step 20 on: a packet was not as its sensor had sent it"]
+
+
+def test_innovations_of_estimators_that_hear_different_numbers_of_sensors_keep_their_steps(
+    campaign: Source,
+) -> None:
+    both = select(campaign.table, variant=1, nodes=["lone", "hub"])
+    held = both.by_step("innovation", both.steps)
+    assert held.shape == (2 * TRIALS, 40, 3)
+    for row, node, flat in zip(
+        held, both.text("node"), both.table.column("innovation").to_pylist(), strict=True
+    ):
+        own = np.array(flat, dtype=np.float64).reshape(40, 2 if node == "lone" else 3)
+        assert np.array_equal(row[:, : own.shape[1]], own, equal_nan=True)
+        assert np.isnan(row[:, own.shape[1] :]).all()
+
+
+def test_of_several_estimators_the_least_white_is_told_as_the_least_of_so_many(campaign: Source) -> None:
+    alone = {node: consistency(rows(campaign, node)).whiteness for node in ("lone", "hub", "e2")}
+    together = consistency(select(campaign.table, variant=0, nodes=list(alone))).whiteness
+    for where in ("all", "attacked", "unattacked"):
+        p_values = {node: getattr(own, where).found.p_value for node, own in alone.items()}
+        known = {node: value for node, value in p_values.items() if not np.isnan(value)}
+        least = getattr(together, where)
+        assert least.node == min(known, key=lambda node: known[node])
+        assert least.found.p_value == pytest.approx(min(1.0, len(known) * min(known.values())))
+
+
+def test_several_estimators_of_one_trial_have_no_verdict_together(run: RunReport) -> None:
+    table = load_source(run.directory).table
+    together, alone = consistency(select(table)), consistency(select(table, nodes=["lone"]))
+    assert together.nees.all.judgement == together.nis.all.judgement == "unknown"
+    assert alone.nis.all.judgement != "unknown"  # NIS of one is independent over steps
+    assert together.nis.all.samples > alone.nis.all.samples
 
 
 def test_detectors_are_told_by_rates_roc_and_delays(campaign: Source) -> None:
