@@ -223,7 +223,7 @@ def test_frames_of_another_kind_and_missing_packages_are_told(
     with pytest.raises(InputError, match="take one of polars, pandas"):
         load(home / "run", "excel")  # type: ignore[arg-type]
     monkeypatch.setitem(sys.modules, "polars", None)
-    with pytest.raises(InputError, match=r"pip install 'gauntlet\[frames\]'"):
+    with pytest.raises(InputError, match=r"pip install -e '\.\[frames\]' in a checkout"):
         load(home / "run")
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match="xarray is missing"):
