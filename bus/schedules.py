@@ -98,8 +98,10 @@ class MarkovSchedule:
 
     Parameters
     ----------
-    start, stop
-        P(off -> on) and P(on -> off) a step.
+    start
+        P(off -> on): the probability that a step begins it.
+    stop
+        P(on -> off): the probability that a step ends it.
     initial
         The state before step 0; ``stationary`` draws it from the long run's law.
     """

@@ -13,6 +13,7 @@ from bus.messages import Inbox
 from bus.packets import ORACLE, Delivery, Packet, Vector, holds, packets_of_inbox
 from bus.plan import EstimatorPlan, Plan
 from bus.program import Port, Program, every_step, outlet
+from nodes.checked import Shapes, checked, checked_payload
 from nodes.contract import Belief, Estimator, Trigger
 from nodes.programs import Pace, is_finite, sender, watch
 from nodes.published import Published, published
@@ -21,7 +22,7 @@ _log = logging.getLogger("gauntlet.node")
 
 
 class _Guard:
-    """Stands between an estimator and the bus: checks shapes, and keeps a diverged one's numbers back.
+    """Stands between an estimator and the bus: checks what it says, and keeps a diverged one's numbers back.
 
     From its first number that is not finite on, a diverged estimator only says that it has diverged.
     """
@@ -29,7 +30,7 @@ class _Guard:
     def __init__(self, name: str, estimator: Estimator, state_size: int) -> None:
         self._name = name
         self._estimator = estimator
-        self._shapes = ((state_size,), (state_size, state_size))
+        self._shapes: Shapes = ((state_size,), (state_size, state_size))
         self.diverged = False
 
     def _declare(self, step: int, why: str) -> None:
@@ -50,12 +51,11 @@ class _Guard:
             return None
         if values is None:
             return None
-        if values.ndim != 1:
-            raise ValueError(f"a payload has one dimension, this one has the shape {values.shape}; ravel it")
-        if not is_finite(values.tolist()):
+        payload = checked_payload(values)
+        if not is_finite(payload.tolist()):
             self._declare(step, "its payload is not finite")
             return None
-        return values
+        return payload
 
     def control(self, step: int, packets: Sequence[Packet]) -> None:
         """Tell the estimator which input was commanded, if it cares."""
@@ -66,21 +66,8 @@ class _Guard:
     def estimate(self, step: int, t: float, refused: int) -> Published:
         """Return what publishes the estimator's belief, or its divergence."""
         if not self.diverged:
-            belief = self._estimator.estimate(step)
-            if (belief.state.shape, belief.covariance.shape) != self._shapes:
-                raise ValueError(
-                    f"a belief has state and covariance of the shapes {self._shapes}, "
-                    f"this one {(belief.state.shape, belief.covariance.shape)}"
-                )
-            if is_finite(
-                [
-                    *belief.state.tolist(),
-                    *belief.covariance.ravel().tolist(),
-                    belief.nis,
-                    *[detection.statistic for detection in belief.detections],
-                    *belief.diagnostics.values(),
-                ]
-            ):
+            belief, finite = checked(self._estimator.estimate(step), self._shapes)
+            if finite:
                 return published(step, t, belief, refused)
             self._declare(step, "its estimate is not finite")
         return published(step, t, Belief(np.zeros(0), np.zeros((0, 0))), refused)

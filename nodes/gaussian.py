@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 
 from bus.packets import Vector
 from nodes.contract import Matrix
+
+Deviation = Annotated[float, Ge(0.0)]
 
 
 @dataclass(frozen=True)
 class Gaussian:
     """A Gaussian law, given by exactly one of ``std`` (one number or one a component) and ``covariance``."""
 
-    std: float | list[float] | None = None
+    std: Deviation | list[Deviation] | None = None
     covariance: list[list[float]] | None = None
     mean: list[float] | None = None
 

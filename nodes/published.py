@@ -71,7 +71,7 @@ class Published(msgspec.Struct, frozen=True):
 
 
 def published(step: int, t: float, belief: Belief, refused: int) -> Published:
-    """Return a belief on its way."""
+    """Return a belief, as `nodes.checked` lets it pass, on its way."""
     return Published(
         step,
         t,
@@ -79,7 +79,7 @@ def published(step: int, t: float, belief: Belief, refused: int) -> Published:
         belief.state.copy(),
         belief.covariance.copy(),
         float(belief.nis),
-        int(belief.nis_dof),
+        belief.nis_dof,
         tuple(belief.detections),
         dict(belief.diagnostics),
         refused,

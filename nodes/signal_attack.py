@@ -13,6 +13,7 @@ from bus.packets import Vector
 from bus.plan import Plan
 from bus.random_streams import random_stream
 from bus.schedules import Timing
+from nodes.gaussian import Deviation
 
 
 class Signal:
@@ -36,7 +37,7 @@ class Signal:
         *,
         value: list[float] | None = None,
         series: list[list[float]] | None = None,
-        noise_std: float = 0.0,
+        noise_std: Deviation = 0.0,
     ) -> None:
         if (value is None) == (not series):
             raise ValueError("give exactly one of 'value' and 'series'")

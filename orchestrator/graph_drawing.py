@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bus.extras import installing
 from bus.keys import EXCHANGE
 from bus.plan import LinkPlan, Plan
 from orchestrator.errors import InputError
@@ -134,7 +135,7 @@ def draw(plan: Plan, out: Path) -> None:
         from matplotlib import rc_context
         from matplotlib.figure import Figure
     except ImportError:
-        raise DrawingError("drawing needs matplotlib: pip install 'gauntlet[draw]'") from None
+        raise DrawingError(f"drawing needs matplotlib: {installing('draw')}") from None
     if out.suffix.lower() not in (".svg", ".png", ".pdf"):
         raise DrawingError(f"{out}: the ending '{out.suffix}' is not .svg, .png or .pdf")
     figure = Figure(figsize=(9.0, 9.0), layout="constrained")

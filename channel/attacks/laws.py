@@ -20,6 +20,7 @@ from channel.contract import Ledger, Slot
 Size = Annotated[int, Ge(1)]
 Numbers = float | list[float]
 Natural = Annotated[int, Ge(0)]
+Deviation = Annotated[float, Ge(0.0)]
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class Normal:
     ``size`` as for a box.
     """
 
-    std: Numbers
+    std: Deviation | list[Deviation]
     mean: Numbers = 0.0
     size: Size | None = None
 

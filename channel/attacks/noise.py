@@ -8,6 +8,7 @@ import numpy as np
 
 from bus.packets import Vector
 from channel.attacks.falsifying import FalsifyingLane, Part
+from channel.attacks.laws import Deviation
 from channel.contract import Lane, Placement, Slot
 from channel.draws import SteppedVectors
 
@@ -31,7 +32,7 @@ class Noise:
         self,
         placement: Placement,
         *,
-        std: float | list[float] | None = None,
+        std: Deviation | list[Deviation] | None = None,
         covariance: list[list[float]] | None = None,
         components: list[int] | None = None,
     ) -> None:

@@ -20,8 +20,10 @@ class Scaling:
 
     Parameters
     ----------
-    low, high
-        Bounds of ``xi``: one number, or one for each attacked component.
+    low
+        Lower bound of ``xi``: one number, or one for each attacked component.
+    high
+        Likewise, the upper bound.
     value
         The ``v``: one number, or one for each attacked component.
     components

@@ -108,12 +108,18 @@ class GilbertElliott:
 
     Parameters
     ----------
-    failure, recovery
-        P(good -> bad) and P(bad -> good) at a tick of the chain's clock.
-    mean_loss, mean_burst
-        Instead of failure and recovery: the share of lost ticks, and the mean number of consecutive ones.
-    loss_good, loss_bad
-        The loss probability in each state.
+    failure
+        P(good -> bad): the probability that a tick of the chain's clock leads from the good state to the bad.
+    recovery
+        P(bad -> good): the probability that a tick leads back.
+    mean_loss
+        Instead of failure and recovery, beside ``mean_burst``: the share of lost ticks.
+    mean_burst
+        The mean number of consecutive ticks that are lost.
+    loss_good
+        The loss probability in the good state.
+    loss_bad
+        The loss probability in the bad state.
     initial
         The state before the first tick; ``stationary`` draws it from the stationary law.
     clock

@@ -14,8 +14,10 @@ class Saturate:
 
     Parameters
     ----------
-    low, high
-        The ends of the range, in the payload's unit; an end that is not given is open.
+    low
+        The lower end of the range, in the payload's unit; without it, the range has none.
+    high
+        Likewise, the upper end.
     """
 
     open_loop: ClassVar[bool] = True

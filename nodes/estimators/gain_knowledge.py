@@ -25,9 +25,10 @@ class Deception:
 
     Parameters
     ----------
-    low, high
-        Bounds of the attack's shares, the diagonal of ``Xi``: one number, or one for each output. Where a
-        mean and a variance are needed, shares are uniform between them.
+    low
+        Lower bound of the attack's shares, the diagonal of ``Xi``: one number, or one for each output.
+    high
+        Likewise, the upper bound. Where a mean and a variance are needed, shares are uniform between the two.
     value
         Bound of each component of ``v``, in units of the measurement.
     probability

@@ -17,6 +17,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from bus.extras import installing
 from nodes.contract import Matrix
 
 Solver = Literal["CLARABEL", "SCS"]
@@ -32,7 +33,7 @@ def require_solvers() -> None:
     missing = [name for name in ("cvxpy", "clarabel") if find_spec(name) is None]
     if missing:
         raise ValueError(
-            f"design family 'lmi' needs {' and '.join(missing)}: pip install 'gauntlet[lmi]', "
+            f"design family 'lmi' needs {' and '.join(missing)}: {installing('lmi')}, "
             "or use the family 'riccati'"
         )
 

@@ -54,8 +54,10 @@ class HybridBernoulli(HybridFilter):
     fakes
         Where fakes are believed to lie: a box in the units of a measurement, over which their density is
         constant; outside too, unless it is ``hard``.
-    attack_birth, attack_survival
-        Probabilities ``p_b``, ``p_s`` that an attack begins, or lasts, from one step to the next.
+    attack_birth
+        Probability ``p_b`` that an attack begins from one step to the next.
+    attack_survival
+        Probability ``p_s`` that an attack lasts from one step to the next.
     initial_attack_probability
         ``r`` before the first measurement.
     delivery

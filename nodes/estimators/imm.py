@@ -40,8 +40,10 @@ class Imm(HybridFilter):
         Linear models.
     attack_prior
         Law of the signal under attack, drawn anew in every step.
-    attack_birth, attack_survival
-        Probabilities that an attack begins, or lasts, from one step to the next.
+    attack_birth
+        Probability that an attack begins from one step to the next.
+    attack_survival
+        Probability that an attack lasts from one step to the next.
     initial_attack_probability
         Probability of an attack before the first measurement.
     feedthrough

@@ -58,9 +58,12 @@ class ParticleFdi(Particle):
         filter, which it is compared with.
     attack_estimate
         The source of the attack's estimate.
-    attack_pole, attack_target_std, attack_wander_std
-        What ``kalman`` assumes: the attack's pole, the prior standard deviation of its target, and the noise
-        that both are allowed each step.
+    attack_pole
+        What ``kalman`` assumes of an attack: the pole by which it approaches its target.
+    attack_target_std
+        Likewise, the prior standard deviation of that target.
+    attack_wander_std
+        Likewise, the standard deviation of the noise that attack and target are allowed each step.
     oracle_std
         Standard deviation of the noise of ``noisy_oracle``.
     particles, resampling, resample_below

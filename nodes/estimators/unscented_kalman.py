@@ -29,8 +29,10 @@ class UnscentedKalman(NonlinearKalman):
     setting
         The node's models: a plant with a transition, and sensors with a measurement function. (Jacobians are
         asked for, as from every such model, and not used.)
-    alpha, kappa
-        The points lie ``alpha sqrt(n + kappa)`` standard deviations off the mean.
+    alpha
+        Scale of the points: they lie ``alpha sqrt(n + kappa)`` standard deviations off the mean.
+    kappa
+        Added to the number ``n`` of components there.
     beta
         Added to the weight of the middle point in covariances; 2 suits normal laws with a small ``alpha``.
 

@@ -41,8 +41,12 @@ class CeilingCamera(GaussianNoise):
         Where the mark is (m).
     noise
         Law of the noise (px); its mean must be zero.
-    focal, height, offset
-        ``(gamma_u, gamma_v)`` (px), ``z`` (m) and ``(d_1, d_2)`` (m); by default those of the paper.
+    focal
+        ``(gamma_u, gamma_v)`` (px); by default those of the paper.
+    height
+        ``z`` (m).
+    offset
+        ``(d_1, d_2)`` (m); by default that of the paper.
     noise_bound
         Longest that the noise may be, in its own standard deviations (Mahalanobis length): a longer draw is
         shortened to it. ``R`` and the likelihood are those of the Gaussian law.

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import Any
 
+from bus.extras import installing
 from orchestrator.backends.contract import RunFailedError
 from orchestrator.campaign.agenda import Agenda
 from orchestrator.campaign.block import Work, failed_block, run_block
@@ -64,7 +65,7 @@ class DaskWorkers:
             from distributed.comm.addressing import parse_host_port
         except ImportError as error:
             raise MissingPackageError(
-                "--dask needs Dask; install it with: pip install 'gauntlet[cluster]'"
+                f"--dask needs Dask; install it with: {installing('cluster')}"
             ) from error
         try:
             parse_host_port(parse_address(self._address)[1])  # a client without a port takes long to be gone

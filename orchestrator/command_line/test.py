@@ -39,7 +39,8 @@ def run_tests(
     """Run topology files and check everything that they expect; `_*.yaml` in folders are bases, no tests."""
     from orchestrator.exit_codes import RUN_FAILED
     from orchestrator.interrupts import UNINTERRUPTED, Interrupted
-    from orchestrator.testing.suite import Options, exit_code, find_files, run_files
+    from orchestrator.testing.finding import find_files
+    from orchestrator.testing.suite import Options, exit_code, run_files
 
     files = find_files(paths, pattern)
     kept = logs or Path(tempfile.mkdtemp(prefix="gauntlet-test-"))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from bus.extras import installing
 from orchestrator.errors import InputError
 from orchestrator.evidence.rows import Row, scalar_names
 
@@ -41,7 +42,7 @@ def require_pyarrow() -> None:
     except ImportError as error:
         raise MissingPackageError(
             "results are kept in Parquet files, for which pyarrow is missing; "
-            "install it with: pip install 'gauntlet[campaign]'"
+            f"install it with: {installing('campaign')}"
         ) from error
 
 

@@ -22,13 +22,18 @@ _FIGURES = ("nees", "nis", "nis_dof", "attacked", "sent")
 
 
 def run_arrays(
-    topology: Topology, evidence: Evidence, components: Sequence[str], estimates: pa.Table, truth: pa.Table
+    topology: Topology,
+    evidence: Evidence,
+    components: Sequence[str],
+    estimates: pa.Table,
+    truth: pa.Table,
+    rows: pa.Table,
 ) -> xr.Dataset:
     """Return the arrays of a run, N estimators, K steps, n components and G state groups.
 
     ``truth`` (K, n); ``estimate``, ``sigma``, ``error`` (N, K, n); ``covariance`` (N, K, n, n);
-    ``error_norm`` (N, K, G); ``nees``, ``nis``, ``nis_dof``, ``attacked``, ``refers_to`` (N, K); all by the
-    step of publication. NaN where there is none.
+    ``error_norm``, ``bound`` (N, K, G); ``nees``, ``nis``, ``nis_dof``, ``attacked``, ``sent``, ``refers_to``
+    (N, K); all by the step of publication. NaN where there is none. ``rows`` of evidence have bound and sent.
     """
     import xarray as xr
 
@@ -37,6 +42,10 @@ def run_arrays(
     groups = sorted(evidence.errors.norm)
     by_component, state = (*_BY_STEP, "component"), list(components)
     place = _places(estimates, names, plan.steps)
+
+    def by_step(column: str) -> Floats:
+        return _series(rows, column, [range(len(names))], place[1])
+
     variables: dict[str, Any] = {
         "truth": (("step", "component"), _filled(truth, state, [np.asarray(truth["step"])], (plan.steps,))),
         "estimate": (by_component, _filled(estimates, state, *place)),
@@ -48,6 +57,8 @@ def run_arrays(
         "nis": (_BY_STEP, np.where(own.nis_dof > 0, own.nis, np.nan)),
         "nis_dof": (_BY_STEP, own.nis_dof),
         "attacked": (_BY_STEP, evidence.attacked),
+        "bound": ((*_BY_STEP, "group"), np.stack([by_step(f"pcrb.{name}") for name in groups], 2)),
+        "sent": (_BY_STEP, by_step("sent")),
         "refers_to": (_BY_STEP, _filled(estimates, ["refers_to"], *place)[..., 0]),
     }
     coordinates = {
@@ -78,6 +89,16 @@ def _filled(table: pa.Table, columns: Sequence[str], place: Sequence[Ints], shap
     return whole
 
 
+def _series(rows: pa.Table, column: str, places: Sequence[Sequence[int]], shape: tuple[int, ...]) -> Floats:
+    """Return an array with the list of each row at its place, on the last axis; NaN where there is none."""
+    whole = np.full(shape, np.nan)
+    for *place, values in zip(*places, rows[column], strict=True):
+        if values.is_valid:
+            own = values.values.to_numpy(zero_copy_only=False)
+            whole[tuple(place)][: len(own)] = own
+    return whole
+
+
 def campaign_arrays(rows: pa.Table, groups: Sequence[str], attributes: dict[str, Any]) -> xr.Dataset:
     """Return the arrays of a campaign by ``variant``, ``trial``, ``node`` and ``step``.
 
@@ -98,12 +119,7 @@ def campaign_arrays(rows: pa.Table, groups: Sequence[str], attributes: dict[str,
     shape = (len(axes["variant"]), len(axes["trial"]), len(axes["node"]), steps)
 
     def series(column: str) -> Floats:
-        whole = np.full(shape, np.nan)
-        for i, j, k, values in zip(*places, held[column], strict=True):
-            if values.is_valid:
-                own = values.values.to_numpy(zero_copy_only=False)
-                whole[i, j, k, : len(own)] = own
-        return whole
+        return _series(held, column, places, shape)
 
     dims = (*axes, "step")
     variables: dict[str, Any] = {name: (dims, series(name)) for name in _FIGURES}

@@ -50,7 +50,9 @@ _FIXED: Mapping[str, Mapping[str, str]] = {
 RECORDED = tuple(_FIXED)
 """The tables that come from a run's messages."""
 
-_TAKEN = frozenset({"control", "attack", *(name for columns in _FIXED.values() for name in columns)})
+_TAKEN = frozenset(
+    {"control", "attack", "covariance", *(name for columns in _FIXED.values() for name in columns)}
+)
 
 
 def component_names(groups: Mapping[str, Sequence[int]], size: int) -> list[str]:
@@ -74,7 +76,7 @@ def column_types(components: Sequence[str]) -> dict[str, dict[str, str]]:
     sigma = {f"sigma_{name}": "float64" for name in components}
     more = {
         "truth": {**state, "control": "list.float64", "attack": "list.float64"},
-        "estimates": {**state, **sigma},
+        "estimates": {**state, **sigma, "covariance": "list.float64"},
     }
     return {name: {**fixed, **more.get(name, {})} for name, fixed in _FIXED.items()}
 
@@ -110,7 +112,8 @@ class Rows:
         nis = message.nis if message.nis_dof else None
         told = (message.refers_to, message.diverged, nis, message.nis_dof, message.refused)
         state = (*(message.state or self._nothing), *(message.sigma or self._nothing))
-        self.rows["estimates"].append((*begin, self._methods[node], *told, *state))
+        row = (*begin, self._methods[node], *told, *state, message.covariance or None)
+        self.rows["estimates"].append(row)
         diagnostics = zip(message.diagnostic_name, message.diagnostic_value, strict=True)
         self.rows["diagnostics"] += [(*begin, *diagnostic) for diagnostic in diagnostics]
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from bus.extras import installing
 from orchestrator.evidence.table import MissingPackageError
 from orchestrator.score.gather import Ints
 
@@ -24,8 +25,7 @@ def require(*packages: str) -> None:
             importlib.import_module(package)
         except ImportError as error:
             raise MissingPackageError(
-                f"{package} is missing; install what frames and arrays need with: "
-                "pip install 'gauntlet[frames]'"
+                f"{package} is missing; install what frames and arrays need with: {installing('frames')}"
             ) from error
 
 

@@ -81,7 +81,10 @@ class Run(EvidenceFrames):
 
     @functools.cached_property
     def estimates(self) -> Any:
-        """A row an estimate: ``step``, ``node``, ``refers_to``, ``nis``, the state and its ``sigma_*``."""
+        """A row an estimate: ``step``, ``node``, ``refers_to``, ``nis``, the state and its ``sigma_*``.
+
+        ``covariance`` is a list of n * n numbers, row by row.
+        """
         return self._frame("estimates")
 
     @functools.cached_property
@@ -116,7 +119,7 @@ class Run(EvidenceFrames):
         from orchestrator.handoff.arrays import run_arrays
 
         tables = self.table("estimates"), self.table("truth")
-        return run_arrays(self._topology, self._evidence, self.components, *tables)
+        return run_arrays(self._topology, self._evidence, self.components, *tables, self._rows)
 
     @functools.cached_property
     def score(self) -> Score:

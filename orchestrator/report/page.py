@@ -6,11 +6,12 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 
+from bus.extras import installing
 from orchestrator.report.contents import Page
 from orchestrator.report.errors import ReportError
 from orchestrator.report.payload import payload
 
-MISSING = "a report needs {}: pip install 'gauntlet[report]'"
+MISSING = f"a report needs {{}}: {installing('report')}"
 
 
 def plotly_js() -> str:

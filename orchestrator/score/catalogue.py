@@ -54,6 +54,7 @@ class Metric:
         return self.meaning
 
 
+_NEVER = "nowhere: it is a count"
 _NO_RECOVERY = "no attacked packet that an estimate (or a variance) of the attack was published for"
 _NO_REFERENCE = "it is the reference, or 'score: {reference: ...}' names none"
 _NO_DETECTOR = "no detector judged these links"
@@ -101,9 +102,11 @@ METRICS: Mapping[str, Metric] = {
         "network",
         undefined="no two estimators to compare",
     ),
-    "divergences": Metric("estimators that diverged", "node", total=True),
-    "missing_estimates": Metric("steps without an estimate", "node", total=True),
-    "lockouts": Metric("links whose genuine packets a detector rejects for good", "link", total=True),
+    "divergences": Metric("estimators that diverged", "node", total=True, undefined=_NEVER),
+    "missing_estimates": Metric("steps without an estimate", "node", total=True, undefined=_NEVER),
+    "lockouts": Metric(
+        "links whose genuine packets a detector rejects for good", "link", total=True, undefined=_NEVER
+    ),
     "detector.recall": Metric(
         "share of the attacked packets delivered that were rejected",
         "link",
@@ -180,14 +183,18 @@ METRICS: Mapping[str, Metric] = {
         total=True,
         undefined=_NO_RECOVERY,
     ),
-    "packets.sent": Metric("packets sent", "link", total=True),
-    "packets.lost": Metric("packets lost", "link", total=True),
-    "packets.attacked": Metric("packets attacked", "link", total=True),
-    "packets.delivered": Metric("packets delivered", "link", total=True),
-    "packets.injected": Metric("packets that nobody sent", "link", total=True),
-    "packets.duplicated": Metric("further copies of packets", "link", total=True),
-    "packets.refused": Metric("packets that failed the receiver's check", "link", total=True),
-    "packets.in_flight": Metric("packets still under way when the run ended", "link", total=True),
+    "packets.sent": Metric("packets sent", "link", total=True, undefined=_NEVER),
+    "packets.lost": Metric("packets lost", "link", total=True, undefined=_NEVER),
+    "packets.attacked": Metric("packets attacked", "link", total=True, undefined=_NEVER),
+    "packets.delivered": Metric("packets delivered", "link", total=True, undefined=_NEVER),
+    "packets.injected": Metric("packets that nobody sent", "link", total=True, undefined=_NEVER),
+    "packets.duplicated": Metric("further copies of packets", "link", total=True, undefined=_NEVER),
+    "packets.refused": Metric(
+        "packets that failed the receiver's check", "link", total=True, undefined=_NEVER
+    ),
+    "packets.in_flight": Metric(
+        "packets still under way when the run ended", "link", total=True, undefined=_NEVER
+    ),
     "packets.lost_share": Metric(
         "share of the packets sent that were lost", "link", total=True, undefined=_NO_PACKET
     ),

@@ -74,19 +74,23 @@ def _use(sender: SenderScore) -> str:
 
 
 def _detector_line(score: Score) -> str | None:
+    parts = _judged_parts(score)
+    if score.unmatched_verdicts:
+        parts.append(f"{several(score.unmatched_verdicts, 'verdict')} on packets that never came")
+    return f"Detectors: {', '.join(parts)}." if parts else None
+
+
+def _judged_parts(score: Score) -> list[str]:
     judged = score.detector
     if judged is None:
-        return None
+        return []
     attacked = judged.true_positive + judged.false_negative
     genuine = judged.false_positive + judged.true_negative
     parts = []
     if attacked:
         parts.append(f"{judged.true_positive} of {attacked} attacked packets rejected")
     rate = f" ({percent(judged.false_alarm_rate)})" if judged.false_alarm_rate is not None else ""
-    parts.append(f"{judged.false_positive} of {genuine} genuine packets rejected{rate}")
-    if score.unmatched_verdicts:
-        parts.append(f"{several(score.unmatched_verdicts, 'verdict')} on packets that never came")
-    return f"Detectors: {', '.join(parts)}."
+    return [*parts, f"{judged.false_positive} of {genuine} genuine packets rejected{rate}"]
 
 
 def _expectation_lines(outcomes: Sequence[Outcome], marks: tuple[str, str]) -> list[Text]:

@@ -5,31 +5,26 @@ from __future__ import annotations
 import contextlib
 import functools
 import io
-import os
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from orchestrator import exit_codes
 from orchestrator.choices import Backend
 from orchestrator.errors import InputError
 from orchestrator.interrupts import Interrupted
-from orchestrator.run import NotBegunError, RunReport, run_topology
-from orchestrator.run_directory import LOG, RunDirectoryError, make_run_directory
+from orchestrator.run import RunReport, run_topology
+from orchestrator.run_directory import LOG, make_run_directory
 from orchestrator.score.results import Outcome
 from orchestrator.testing.workers import fresh_processes
-from orchestrator.topology.load import is_base, load_topology
+from orchestrator.topology.load import load_topology
 from orchestrator.topology.problems import TopologyError
 from orchestrator.topology.resolved import Topology
 
-_ENDINGS = (".yaml", ".yml")
-_RESULTS = (LOG, "campaign.json")
-"""Files that tell a folder of results: the topologies in it are what was run, not tests."""
 _WORDS = {"<=": "at most", ">=": "at least", "==": "exactly"}
 _NAMES_SHOWN = 3
 _LOGS_OPTION = "--logs"
@@ -98,39 +93,6 @@ def title(outcome: Outcome) -> str:
     return f"{outcome.metric} {_WORDS[outcome.relation]} {outcome.bound:g}{f' of {shown}' if names else ''}"
 
 
-def find_files(paths: Iterable[Path], pattern: str = "") -> list[Path]:
-    """Return the topology files that paths lead to: files as they are, folders with all below them.
-
-    In a folder, bases (``_*.yaml``), hidden folders and folders of results are passed over. With a
-    ``pattern``, only files whose path contains it remain (``*`` stands for any characters). Raises
-    `InputError` when a path leads to no file.
-    """
-    found: dict[Path, None] = {}
-    for path in paths:
-        files = _below(path) if path.is_dir() else [path]
-        if not path.exists():
-            raise InputError(f"{path} does not exist; name topology files, or folders that hold some")
-        if not files:
-            raise InputError(f"{path} holds no topology file: none ends in .yaml and begins with no '_'")
-        found.update(dict.fromkeys(files))
-    chosen = [path for path in found if fnmatchcase(path.as_posix(), f"*{pattern}*")]
-    if not chosen:
-        raise InputError(f"none of the {len(found)} files has '{pattern}' in its path; choose another -k")
-    return chosen
-
-
-def _below(folder: Path) -> list[Path]:
-    found = []
-    for parent, folders, names in os.walk(folder):
-        if any(name in names for name in _RESULTS):
-            folders.clear()
-            continue
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        files = [Path(parent, name) for name in names if name.endswith(_ENDINGS) and name[0] != "."]
-        found += [file for file in files if not is_base(file)]
-    return sorted(found)
-
-
 def run_file(path: Path, options: Options) -> FileResult:
     """Run one file and hold its expectations against the score."""
     began = time.perf_counter()
@@ -145,8 +107,8 @@ def run_file(path: Path, options: Options) -> FileResult:
         directory = make_run_directory(None, topology.name, topology.plan.seed, options.logs, _LOGS_OPTION)
         with contextlib.redirect_stderr(said):
             report = run_topology(topology, directory, options.backend, lambda recorded: None, _LOGS_OPTION)
-    except (NotBegunError, RunDirectoryError) as error:
-        return FileResult(path, error=str(error), exit_code=exit_codes.RUN_FAILED, seconds=_since(began))
+    except InputError as error:  # its own files cannot be written or read: the others' can
+        return FileResult(path, (), str(error), said.getvalue(), exit_codes.RUN_FAILED, None, _since(began))
     return _result(path, topology, report, said.getvalue(), _since(began))
 
 

@@ -59,8 +59,10 @@ class Grid:
 
     Parameters
     ----------
-    rows, columns
-        Size of the grid.
+    rows
+        Number of nodes from top to bottom.
+    columns
+        Number of nodes from left to right.
     """
 
     def __init__(self, *, rows: Count, columns: Count) -> None:

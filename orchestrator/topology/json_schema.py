@@ -10,12 +10,15 @@ from typing import Any
 
 from bus.kinds import KindError
 from orchestrator.registry import BUILT_IN, Role, find_kind, registered
+from orchestrator.score.catalogue import METRICS
 from orchestrator.topology.parameters import parameters_model
 from orchestrator.topology.schema import AttackSection, ControllerSection, EstimatorSection, TopologyFile
 from orchestrator.topology.stages import STAGE_OPTIONS
 
 _USERS_OWN = ":"
 _Schema = dict[str, Any]
+_BOUNDED: _Schema = {"anyOf": [{"required": [bound]} for bound in ("at_most", "at_least", "equals")]}
+_NO_LIMIT: _Schema = {"not": {"type": "object"}}
 
 
 def schema(*, installed: bool = True) -> _Schema:
@@ -34,20 +37,50 @@ def schema(*, installed: bool = True) -> _Schema:
     acting = ControllerSection.model_json_schema()["properties"]["estimator"]
     definitions["ControllerSection"] = makers.node("controllers", "law", {"estimator": acting})
     definitions["GraphSection"] = makers.members("graphs", definitions["GraphSection"], {})
-    definitions["AttackSection"] = makers.members(
+    attack = makers.members(
         "attacks", definitions["AttackSection"], {}, also=("impairments", "signals", "faults")
     )
+    own = AttackSection.model_json_schema()["properties"]
+    definitions["AttackSection"] = {**attack, "required": ["on"], **_one_kind(attack, own)}
     options = {key: AttackSection.model_json_schema()["properties"][key] for key in STAGE_OPTIONS}
-    definitions["Stage"] = makers.members("impairments", {"type": "object", "properties": {}}, options)
+    on_link = makers.members("impairments", {"type": "object", "properties": {}}, options)
+    definitions["Stage"] = {**on_link, **_one_kind(on_link, ())}
     stage = {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/Stage"}]}
     stages = {"anyOf": [*stage["anyOf"], {"type": "array", "items": stage}, {"type": "null"}]}
     whole["properties"]["channel"]["additionalProperties"] = stages
-    for section in ("sensors", "estimators", "expect"):
+    whole["properties"]["expect"] = _expect(whole["properties"]["expect"], definitions)
+    for section in ("sensors", "estimators"):
         members = whole["properties"][section]["additionalProperties"]
         whole["properties"][section]["additionalProperties"] = {"anyOf": [members, {"type": "null"}]}
     whole.pop("required", None)  # a base, or a file that extends one, may leave anything out
     whole["title"] = "Gauntlet topology"
+    alone = {"properties": {"expect": {"additionalProperties": {"anyOf": [_NO_LIMIT, _BOUNDED]}}}}
+    whole |= {"if": {"required": ["extends"]}, "else": alone}  # a base may have the bound
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **whole, "$defs": definitions}
+
+
+def _one_kind(section: _Schema, own: Iterable[str]) -> _Schema:
+    """Return the rule that a section, beside its own keys, has exactly one of its members."""
+    users_own = {"not": {"propertyNames": {"not": {"pattern": _USERS_OWN}}}}
+    kinds = [name for name in section["properties"] if name not in own]
+    return {"oneOf": [*({"required": [name]} for name in kinds), users_own]}
+
+
+def _expect(section: _Schema, definitions: _Schema) -> _Schema:
+    """Return the schema of expectations: of metrics that there are, and in a list each with a bound."""
+    number, limit, several = section["additionalProperties"]["anyOf"]
+    bounded = {**several, "items": {"allOf": [several["items"], _BOUNDED]}}
+    definitions["Limits"] = {"anyOf": [number, limit, bounded, {"type": "null"}]}
+    limits = {"allOf": [{"$ref": "#/$defs/Limits"}]}
+    families = [name.removesuffix(".*") for name in METRICS if name.endswith(".*")]
+    properties = {
+        name: {"description": metric.meaning, **limits}
+        for name, metric in METRICS.items()
+        if not name.endswith(".*")
+    }
+    of_groups = {rf"^({'|'.join(families)})\.[^*]+$": limits}
+    kept = {key: value for key, value in section.items() if key != "additionalProperties"}
+    return {**kept, "properties": properties, "patternProperties": of_groups, "additionalProperties": False}
 
 
 def schema_text() -> str:

@@ -18,7 +18,7 @@ from tests.orchestrator.testing.conftest import check_junit, installed_plugin
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "continuous-integration.md").read_text()
-FILES = dict(re.findall(r"```(?:python|yaml)\n# (\S+)\n(.*?)```", PAGE, re.DOTALL))
+FILES = dict(re.findall(r"```(?:python|yaml|text)\n# (\S+)\n(.*?)```", PAGE, re.DOTALL))
 WORKFLOW = YAML(typ="safe", pure=True).load(FILES[".github/workflows/estimator.yml"])
 
 
@@ -73,6 +73,7 @@ def test_the_page_shows_a_whole_project() -> None:
         "topologies/lossy.yaml",
         "topologies/falsified.yaml",
         "tests/test_gated_filter.py",
+        "requirements.txt",
         ".github/workflows/estimator.yml",
     ]
     install, *others = _commands().values()

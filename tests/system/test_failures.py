@@ -47,6 +47,17 @@ def test_what_a_node_raises_is_shown_with_its_name_and_step_and_ends_the_run(
     assert recorded_steps(run.out) >= 20
 
 
+@pytest.mark.parametrize("backend", ["processes", "inprocess"])
+def test_a_detection_with_swapped_fields_ends_the_run_with_the_name_of_the_field(
+    gauntlet: Gauntlet, backend: str
+) -> None:
+    run = gauntlet.run(with_fault(gauntlet, "swap"), "--backend", backend)
+    assert run.process.returncode == 3
+    assert "e4 failed in step 20: TypeError: detections[0].source must be text, got 20 (int)" in run.errors
+    assert not run.score()["complete"]
+    assert recorded_steps(run.out) >= 20
+
+
 def test_an_estimator_that_diverges_does_not_end_the_run(gauntlet: Gauntlet) -> None:
     run = gauntlet.run(with_fault(gauntlet, "diverge"))
     assert run.process.returncode == 0, run.errors

@@ -45,8 +45,8 @@ def test_programs_get_the_same_figures_as_json(home: Home) -> None:
 @pytest.mark.parametrize(
     ("package", "arguments", "cure"),
     [
-        ("pyarrow", (), "pip install 'gauntlet[campaign]'"),
-        ("distributed", ("--dask", "tcp://127.0.0.1:1"), "pip install 'gauntlet[cluster]'"),
+        ("pyarrow", (), "pip install -e '.[campaign]' in a checkout"),
+        ("distributed", ("--dask", "tcp://127.0.0.1:1"), "pip install -e '.[cluster]' in a checkout"),
     ],
 )
 def test_a_missing_package_is_told_with_the_command_that_installs_it(

@@ -114,7 +114,7 @@ def test_a_missing_library_is_told_with_its_cure(
     monkeypatch.setitem(sys.modules, library, None)
     answer = gauntlet("report", finished_run)
     assert answer.code == 2
-    assert f"a report needs {library.partition('.')[0]}: pip install 'gauntlet[report]'" in answer.err
+    assert f"a report needs {library.partition('.')[0]}: pip install -e '.[report]' in" in answer.err
 
 
 def test_pictures_without_a_browser_are_refused_with_the_cure(

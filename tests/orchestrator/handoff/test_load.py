@@ -48,6 +48,7 @@ def test_truth_and_estimates_are_those_of_the_record_to_the_last_bit(run: Any, m
     assert run.estimates.select(state).to_numpy().tolist() == [own.state for _, own in estimates]
     sigma = run.estimates.select([f"sigma_{name}" for name in state]).to_numpy().tolist()
     assert sigma == [own.sigma for _, own in estimates]
+    assert run.estimates["covariance"].to_list() == [own.covariance for _, own in estimates]
     assert run.estimates["step"].to_list() == [own.step for _, own in estimates]
 
 
@@ -105,6 +106,11 @@ def test_arrays_are_labelled_and_agree_with_the_frames(run: Any) -> None:
     )
     variances = arrays.covariance.sel(component="position", other_component="position")
     np.testing.assert_allclose(np.sqrt(variances), arrays.sigma.sel(component="position"), rtol=1e-12)
+    of_lone = run.errors.filter(pl.col("node") == "lone")
+    assert arrays.sent.sel(node="lone").values.tolist() == of_lone["sent"].to_list()
+    bound = arrays.bound.sel(node="lone", group="position").values
+    np.testing.assert_array_equal(bound, of_lone["bound_position"].to_numpy())
+    assert np.isfinite(bound).any()
     assert arrays.attrs["seed"] == 7
     assert arrays.t.sel(step=10).item() == pytest.approx(1.0)
 
@@ -136,6 +142,7 @@ def test_an_estimator_that_diverged_has_no_numbers_there(home: Path, tmp_path: P
     run = load(tmp_path / "run")
     mine = run.estimates.filter(pl.col("node") == "lone")
     assert mine["position"].is_null().to_list() == [step > 5 for step in range(24)]
+    assert mine["covariance"].is_null().to_list() == [step > 5 for step in range(24)]
     assert mine["diverged"].to_list() == [step > 5 for step in range(24)]
     assert np.isnan(run.arrays.estimate.sel(node="lone", component="position")).sum() == 18
     assert run.results.filter(pl.col("node") == "lone")["divergence_step"].to_list() == [6]
@@ -216,7 +223,7 @@ def test_frames_of_another_kind_and_missing_packages_are_told(
     with pytest.raises(InputError, match="take one of polars, pandas"):
         load(home / "run", "excel")  # type: ignore[arg-type]
     monkeypatch.setitem(sys.modules, "polars", None)
-    with pytest.raises(InputError, match=r"pip install 'gauntlet\[frames\]'"):
+    with pytest.raises(InputError, match=r"pip install -e '\.\[frames\]' in a checkout"):
         load(home / "run")
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match="xarray is missing"):

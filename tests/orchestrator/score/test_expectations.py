@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from orchestrator.score.catalogue import METRICS, find_metric, metric_names
@@ -45,6 +47,16 @@ def test_every_metric_of_the_catalogue_can_be_measured(run):
         for selector in metric.selectors:
             named = {"nodes": ["e2"]} if selector == "node" else {"links": ["s2->e2"]}
             assert measure(result, name, metric, **named)
+
+
+def test_counts_alone_are_defined_where_nothing_happened_and_the_catalogue_says_so(make_plan, recorder):
+    recorder.truth(0, [0.0])
+    empty = score(make_plan(3, {"e1": ["s1"]}), recorder.records, state_groups=GROUPS)
+    for name in metric_names(GROUPS):
+        metric = find_metric(name, GROUPS)
+        figures = [value for _, value in measure(empty, name, metric)]
+        is_count = metric.undefined == "nowhere: it is a count"
+        assert is_count == (figures != [] and not any(map(math.isnan, figures))), name
 
 
 def test_a_family_of_metrics_has_one_for_each_group_and_for_the_state():

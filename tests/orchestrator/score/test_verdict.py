@@ -180,3 +180,14 @@ def test_failed_expectations_are_shown_first_when_there_are_many(make_network):
 def test_a_console_without_unicode_gets_words(make_network):
     text = page(scored(make_network(diverging={"e7": 31})), 80, encoding="ascii")
     assert "NO divergences exactly 0: 1" in text
+
+
+def test_verdicts_that_name_no_packet_that_came_are_told_even_when_no_other_was_given(make_plan, recorder):
+    for step in range(3):
+        recorder.truth(step, [0.0])
+        recorder.inbox("e1", step, [("s1", step)])
+        recorder.estimate("e1", step, [0.0], verdicts=[("s9", step, False)])
+        recorder.channel(step, events=[])
+    result = score(make_plan(3, {"e1": ["s1"]}), recorder.records, state_groups={})
+    assert result.detector is None
+    assert "Detectors: 3 verdicts on packets that never came." in page(result, 100)

@@ -47,6 +47,18 @@ def test_every_parameter_of_every_kind_is_told(role: str, name: str) -> None:
     assert [parameter for parameter in names if not meanings.get(parameter)] == []
 
 
+@pytest.mark.parametrize(("role", "name"), KINDS, ids=lambda part: str(part))
+def test_every_parameter_has_a_meaning_of_its_own(role: str, name: str) -> None:
+    found = find_kind(role, name, ROOT)  # type: ignore[arg-type]
+    meanings = docstring_of(found.type).parameters
+    told = [
+        meanings[parameter]
+        for parameter in parameter_names(parameters_model(found, role))  # type: ignore[arg-type]
+        if not meanings[parameter].startswith("As for")  # which tells them one by one
+    ]
+    assert len(set(told)) == len(told)
+
+
 def test_every_link_of_the_reference_leads_somewhere(made: dict[str, str]) -> None:
     for name, text in made.items():
         headings = {heading.lower() for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE)}

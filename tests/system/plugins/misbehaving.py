@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from bus.packets import Packet, Vector
-from nodes.contract import Belief, Setting
+from nodes.contract import Belief, Detection, Setting
 
-Fault = Literal["none", "raise", "hang", "diverge", "exit"]
+Fault = Literal["none", "raise", "hang", "diverge", "exit", "swap"]
 
 
 class Misbehaving:
@@ -21,6 +21,7 @@ class Misbehaving:
 
     def __init__(self, setting: Setting, *, fault: Fault = "none", at: int = 0, pause_s: float = 0.0) -> None:
         self._size = setting.plant.initial_mean.size
+        self._source = next(iter(setting.sensors))
         self._fault = fault
         self._at = at
         self._pause_s = pause_s
@@ -43,4 +44,7 @@ class Misbehaving:
         raise AssertionError("it has no exchange rounds")
 
     def estimate(self, step: int) -> Belief:
-        return Belief(state=self._state, covariance=np.eye(self._size))
+        detections = []
+        if self._fault == "swap" and step >= self._at:
+            detections = [Detection(step, self._source, 0.5, False)]  # type: ignore[arg-type]
+        return Belief(state=self._state, covariance=np.eye(self._size), detections=detections)
