@@ -2,7 +2,7 @@
 (function () {
   const page = JSON.parse(document.getElementById("payload").textContent);
   const root = document.documentElement;
-  const numbers = { f4: Float32Array, i4: Int32Array, i2: Int16Array };
+  const numbers = { f8: Float64Array, f4: Float32Array, i4: Int32Array, i2: Int16Array };
   const arrays = page.arrays.map(function (packed) {
     const text = atob(packed.bdata);
     const bytes = new Uint8Array(text.length);

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from orchestrator.report.contents import Choice, Figure, Trace, View
+from orchestrator.report.contents import Choice, Figure, Layout, Trace, View
 from orchestrator.report.lines import attack_key, attack_shapes, band, line, log_axis, stacked
 from orchestrator.report.recording import Recording
 from orchestrator.report.thinning import in_order, kept, leading_nodes, points
@@ -19,8 +19,8 @@ MOST_NODES = 60
 
 def _bounded(
     values: Floats, dof: Ints, confidence: float, name: str, most: int
-) -> tuple[list[Trace], list[Floats]]:
-    """Return a chi-square figure over time within its bounds, and what its axis must show."""
+) -> tuple[list[Trace], Layout]:
+    """Return a chi-square figure over time within its bounds, and its axis, which shows the bounds."""
     known = np.isfinite(values) & (dof > 0)
     shown = np.where(known, values, np.nan)
     at = kept(shown, most)
@@ -34,7 +34,7 @@ def _bounded(
     ]
     if not first:
         traces[0]["showlegend"] = False
-    return traces, [shown, low, high]
+    return traces, log_axis(name, [shown, low, high], anchor=np.concatenate([low, high]))
 
 
 def _held(dof: Ints) -> Ints:
@@ -65,15 +65,15 @@ def over_time_figure(recording: Recording, notes: list[str]) -> Figure | None:
     for name in in_order(leading, names):
         node = names.index(name)
         dof = np.full(recording.plan.steps, recording.truth.shape[1])
-        upper, upper_values = _bounded(nees[node], dof, confidence, "NEES", most)
-        lower, lower_values = _bounded(estimates.nis[node], estimates.nis_dof[node], confidence, "NIS", most)
+        upper, above = _bounded(nees[node], dof, confidence, "NEES", most)
+        lower, below = _bounded(estimates.nis[node], estimates.nis_dof[node], confidence, "NIS", most)
         key = [attack_key()] if recording.attacked.any() else []
         views[(name,)] = View(
             [*upper, *lower, *key],
             {
                 "shapes": attack_shapes(recording.attacked[node]),
-                "yaxis": log_axis("NEES", upper_values),
-                "yaxis2": log_axis("NIS", lower_values),
+                "yaxis": above,
+                "yaxis2": below,
             },
         )
     options = [(name, name) for name in in_order(leading, names)]
@@ -121,8 +121,9 @@ def summary_figure(recording: Recording) -> Figure:
         _ratio_trace(nodes, [node.nees for node in nodes], "NEES", 0),
         _ratio_trace(nodes, [node.nis for node in nodes], "NIS", 1),
     ]
-    axis = log_axis("mean by its dof", [np.array([1.0]), *(trace["y"] for trace in traces)])
-    one = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1, "layer": "below"}
+    one = np.array([1.0])
+    axis = log_axis("mean by its dof", [one, *(trace["y"] for trace in traces)], anchor=one)
+    dotted = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1, "layer": "below"}
     return Figure(
         name="consistency-summary",
         title="Mean NEES and NIS of each estimator, by their degrees of freedom",
@@ -130,7 +131,8 @@ def summary_figure(recording: Recording) -> Figure:
         layout={
             "yaxis": axis,
             "xaxis": {"type": "category", "title": {"text": "estimator"}},
-            "shapes": [{**one, "line": {"color": "$muted", "width": 1.4, "dash": "dot"}}],
+            "margin": {"t": 32},
+            "shapes": [{**dotted, "line": {"color": "$muted", "width": 1.4, "dash": "dot"}}],
         },
         text="1 (dotted) is consistent; 4 means errors twice as large as believed, 0.25 half as large. "
         "Errors of neighbouring steps are alike, so one run's mean NEES is a hint and no verdict.",

@@ -22,7 +22,7 @@ from orchestrator.report.palette import series_style
 from orchestrator.report.recording import Recording
 from orchestrator.report.thinning import in_order, kept, leading_nodes, points
 from orchestrator.score.accuracy import root_mean_square
-from orchestrator.score.gather import Floats
+from orchestrator.score.gather import Bools, Floats
 
 PAIRS = 240
 """Most pairs of node and component that the tracking figure holds."""
@@ -157,7 +157,10 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
         key = [attack_key()] if recording.attacked.any() else []
         views[(group,)] = View(
             [*traces, *key],
-            {"yaxis": _error_axis(group, norm), "shapes": attack_shapes(np.any(recording.attacked, axis=0))},
+            {
+                "yaxis": _error_axis(group, norm, recording.evidence.errors.alive),
+                "shapes": attack_shapes(np.any(recording.attacked, axis=0)),
+            },
         )
     choices = [(group, "whole state" if group == "state" else group) for group in groups]
     return Figure(
@@ -172,11 +175,14 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
     )
 
 
-def _error_axis(group: str, norm: Floats) -> dict[str, object]:
-    known = norm[np.isfinite(norm) & (norm > 0)]
+def _error_axis(group: str, norm: Floats, alive: Bools) -> dict[str, object]:
+    """Return the axis of errors (N, K): logarithmic where few are far larger than most before divergence."""
+    positive = np.isfinite(norm) & (norm > 0)
+    known = norm[positive]
+    usual = norm[positive & alive] if (positive & alive).any() else known
     label = f"error of {'the state' if group == 'state' else group}"
-    if known.size and known.max() > 200.0 * np.median(known):
-        return log_axis(label, [known])
+    if usual.size and known.max() > 200.0 * np.median(usual):
+        return log_axis(label, [known], anchor=usual)
     return value_axis(label, rangemode="tozero")
 
 
