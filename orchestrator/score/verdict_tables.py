@@ -10,8 +10,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from orchestrator.score.link_results import AttackWindow
-from orchestrator.score.measure import expected_estimates, node_value
+from orchestrator.score.measure import node_value
+from orchestrator.score.remarks import alarm_after, false_alarms, rejected, remarks, trusted_after
 from orchestrator.score.results import Consistency, NodeScore, Score
 
 ATTACKED_ROWS = 4
@@ -35,25 +35,6 @@ def _per_dof(figures: Consistency) -> str:
 def _badness(node: NodeScore) -> float:
     rmse = node.groups["state"].rmse
     return float("inf") if rmse is None else rmse
-
-
-def _remark(rank: str, node: NodeScore, score: Score) -> str:
-    parts = [rank] if rank else []
-    if node.privileged:
-        parts.append(f"PRIVILEGED: told of {', '.join(node.privileged)}")
-    if node.divergence_step is not None:
-        parts.append(f"diverged at {node.divergence_step}")
-    if node.silent_from is not None:
-        parts.append(f"silent from {node.silent_from}")
-    if not node.complete:
-        parts.append(f"only {node.steps_scored} of {expected_estimates(score, node)} steps")
-    parts += [f"deaf from {lockout.first_step}" for lockout in score.lockouts if lockout.node == node.name]
-    if node.attacked_steps:
-        parts.append(f"attacked {node.attacked_steps} steps")
-    if node.bound.guaranteed is not None and node.bound.outside is not None:
-        kind = "guaranteed bound" if node.bound.guaranteed else "bound"
-        parts.append(f"{kind} left {100 * node.bound.outside:.3g} %")
-    return ", ".join(parts)
 
 
 def _rows(nodes: Sequence[NodeScore]) -> list[tuple[str, NodeScore]]:
@@ -90,7 +71,7 @@ def _method_table(score: Score, rows: Sequence[tuple[str, NodeScore]], header: b
     table.add_column("")
     for rank, node in rows:
         figures = [_figure(node.groups[group].rmse) for group in groups]
-        remark = _remark(rank, node, score)
+        remark = ", ".join([*([rank] if rank else []), *remarks(node, score)])
         table.add_row(f"  {node.name}", *figures, _per_dof(node.nees), _per_dof(node.nis), remark)
     return table
 
@@ -111,22 +92,6 @@ def estimator_tables(score: Score) -> Group:
     return Group(*parts)
 
 
-def _delay(window: AttackWindow) -> str:
-    if not window.judged:
-        return "no detector"
-    if window.delay is None:
-        return "undecided" if window.censored else "missed"
-    return f"{window.delay} steps"
-
-
-def _release(window: AttackWindow, score: Score) -> str:
-    if not window.judged:
-        return ""
-    if window.release is not None:
-        return f"{window.release} steps"
-    return "-" if window.last >= score.steps - 1 else "never"
-
-
 def attack_table(score: Score) -> Table | None:
     """Return what the detectors made of each attack, or None when no attacked packet was delivered."""
     if not score.windows:
@@ -138,20 +103,14 @@ def attack_table(score: Score) -> Table | None:
         table.add_column(name, justify="right")
     links = {link.name: link for link in score.links}
     for window in score.windows[:WINDOW_ROWS]:
-        judged = links[window.link].detector
-        rejected = false = "-"
-        if judged is not None:
-            rejected = f"{window.rejected} of {window.packets}"
-            false = f"{judged.false_positive} of {judged.false_positive + judged.true_negative}"
-        span = f"{window.first}..{window.last}"
         table.add_row(
             window.link,
             window.stage.removesuffix(f"@{window.link}"),
-            span,
-            rejected,
-            false,
-            _delay(window),
-            _release(window, score),
+            f"{window.first}..{window.last}",
+            rejected(window),
+            false_alarms(links[window.link].detector),
+            alarm_after(window),
+            trusted_after(window, score),
         )
     if len(score.windows) > WINDOW_ROWS:
         table.add_row(f"and {len(score.windows) - WINDOW_ROWS} more")
