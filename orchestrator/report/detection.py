@@ -10,9 +10,10 @@ import numpy as np
 
 from orchestrator.evidence.roc import Roc, roc
 from orchestrator.report.contents import Choice, Figure, Layout, Trace, View
-from orchestrator.report.lines import attack_key, attack_shapes, log_axis, step_axis, value_axis
+from orchestrator.report.lines import attack_key, log_axis, value_axis
 from orchestrator.report.palette import series_style
 from orchestrator.report.recording import Recording
+from orchestrator.report.steps import over_steps, step_shapes
 from orchestrator.report.thinning import kept, leading_nodes, points
 from orchestrator.score.gather import Bools, Floats, Ints
 
@@ -141,7 +142,7 @@ def timeline_figure(recording: Recording, notes: list[str]) -> Figure | None:
     views: dict[tuple[str, ...], View] = {}
     for name in chosen:
         threshold = _threshold(parameters[name], held[name])
-        shapes = attack_shapes(recording.attacked[recording.names.index(name)])
+        shapes = step_shapes(recording, recording.attacked[recording.names.index(name)])
         traces = [*_fate_traces(held[name], links, most), attack_key()]
         if threshold is not None:
             shapes.append(_threshold_look(threshold))
@@ -153,9 +154,7 @@ def timeline_figure(recording: Recording, notes: list[str]) -> Figure | None:
         name="detection",
         title="Verdicts over time, against the channel's truth",
         views=views,
-        layout={
-            "xaxis": {**step_axis(recording.plan.period_s), "range": [-1, recording.plan.steps]},
-        },
+        layout=over_steps(recording, {"xaxis": {"range": [-1, recording.steps]}}),
         choices=(Choice("Estimator", [(name, f"{name}{marks[name]}") for name in chosen], leading[0]),),
         text="A point is a packet that this estimator judged. Its colour says what the channel did to it, "
         "its shape what the detector made of it: diamonds are attacks found, open circles attacks missed, "
