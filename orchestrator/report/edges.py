@@ -15,14 +15,14 @@ KEY = "beyond the axis"
 _INSIDE = 0.025
 """How far inside the edge they stand, as a share of the axis."""
 
-_UP, _DOWN = "triangle-up", "triangle-down"
+_UP, _DOWN = "arrow-bar-up", "arrow-bar-down"
 
 
 def with_edges(traces: Sequence[Trace], layout: Layout) -> list[Trace]:
-    """Return traces, and a triangle at the edge for every point of them beyond a logarithmic axis.
+    """Return traces, and an arrow at the edge for every point of them beyond a logarithmic axis.
 
     Axes that are not logarithmic or have no ``range`` cut nothing; bands are cut without a word. Pointing at
-    a triangle tells the true value, unless the figure tells all values of a step at once. What is zero or
+    an arrow tells the true value, unless the figure tells all values of a step at once. What is zero or
     less has no place on such an axis and stands at its foot.
     """
     edges = [edge for trace in traces if (edge := _edge(trace, layout)) is not None]
@@ -43,10 +43,10 @@ def _edge(trace: Trace, layout: Layout) -> Trace | None:
     if not outside.any():
         return None
     told = {"hoverinfo": "skip"} if str(layout.get("hovermode", "")).startswith("x") else {}
-    return {**_triangles(trace, y, outside, heights > top, (bottom, top)), **told}
+    return {**_arrows(trace, y, outside, heights > top, (bottom, top)), **told}
 
 
-def _triangles(trace: Trace, y: Floats, outside: Bools, above: Bools, span: tuple[float, float]) -> Trace:
+def _arrows(trace: Trace, y: Floats, outside: Bools, above: Bools, span: tuple[float, float]) -> Trace:
     at = np.flatnonzero(outside)
     inset = _INSIDE * (span[1] - span[0])
     colour = trace.get("marker", {}).get("color") or trace.get("line", {}).get("color")
@@ -61,19 +61,24 @@ def _triangles(trace: Trace, y: Floats, outside: Bools, above: Bools, span: tupl
         "hovertemplate": f"{trace.get('name', '')}, beyond the axis: %{{customdata}}<extra></extra>",
         "legendgroup": trace.get("legendgroup") or trace.get("name"),
         "showlegend": False,
-        "marker": {"symbol": [_UP if up else _DOWN for up in above[at].tolist()], "size": 8, "color": colour},
+        "marker": {
+            "symbol": [_UP if up else _DOWN for up in above[at].tolist()],
+            "size": 8,
+            "color": colour,
+            "line": {"width": 1.5, "color": colour},
+        },
         **kept,
     }
 
 
 def _key() -> Trace:
-    """Return a trace without points that explains the triangles in the legend."""
+    """Return a trace without points that explains the arrows in the legend."""
     return {
         "type": "scatter",
         "mode": "markers",
         "x": [None],
         "y": [None],
         "name": KEY,
-        "marker": {"symbol": _UP, "size": 8, "color": "$muted"},
+        "marker": {"symbol": _UP, "size": 8, "color": "$muted", "line": {"width": 1.5, "color": "$muted"}},
         "hoverinfo": "skip",
     }

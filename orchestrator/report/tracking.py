@@ -35,6 +35,9 @@ WIDEST = 30.0
 LINES = 24
 """Most estimators that have a line of their own in the figure of errors."""
 
+FAR, APART = 50.0, 20.0
+"""From which ratios on errors are drawn on a logarithmic axis: see `error_axis`."""
+
 SHOWN = 6
 """Estimators whose lines are shown at first."""
 
@@ -157,7 +160,7 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
         views[(group,)] = View(
             [*traces, *key],
             {
-                "yaxis": _error_axis(group, norm, recording.alive),
+                "yaxis": error_axis(group, norm, recording.alive),
                 "shapes": step_shapes(recording, np.any(recording.attacked, axis=0)),
             },
         )
@@ -175,13 +178,18 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
     )
 
 
-def _error_axis(group: str, norm: Floats, alive: Bools) -> dict[str, object]:
-    """Return the axis of errors (N, K): logarithmic where few are far larger than most before divergence."""
+def error_axis(group: str, norm: Floats, alive: Bools) -> dict[str, object]:
+    """Return the axis of errors (N, K): logarithmic where on a linear one some would lie on the floor.
+
+    So it is where an error exceeds the median `FAR` times, or one estimator's median that of another
+    `APART` times. What was before divergence is always in sight.
+    """
     positive = np.isfinite(norm) & (norm > 0)
     known = norm[positive]
     usual = norm[positive & alive] if (positive & alive).any() else known
     label = f"error of {'the state' if group == 'state' else group}"
-    if usual.size and known.max() > 200.0 * np.median(usual):
+    middles = [float(np.median(own[keep])) for own, keep in zip(norm, positive, strict=True) if keep.any()]
+    if known.size and (known.max() > FAR * np.median(usual) or max(middles) > APART * min(middles)):
         return log_axis(label, [known], anchor=usual)
     return value_axis(label, rangemode="tozero")
 

@@ -13,6 +13,7 @@ from orchestrator.report.edges import KEY, with_edges
 from orchestrator.report.lines import DECADES, band, line, log_axis
 from orchestrator.report.making import page_for
 from orchestrator.report.page import write_page
+from orchestrator.report.tracking import error_axis
 from orchestrator.run import run_topology
 from orchestrator.run_directory import make_run_directory
 from orchestrator.topology.load import load_topology
@@ -94,7 +95,7 @@ def test_points_beyond_an_axis_stand_at_its_edge_with_their_true_value() -> None
     _, edge, key = with_edges([drawn], {"yaxis": axis})
     assert edge["x"].tolist() == [1, 2]
     assert edge["customdata"] == ["1e+30", "0"]
-    assert edge["marker"]["symbol"] == ["triangle-up", "triangle-down"]
+    assert edge["marker"]["symbol"] == ["arrow-bar-up", "arrow-bar-down"]
     assert all(shown(edge["y"], axis))
     assert edge["legendgroup"] == "d"
     assert key["name"] == KEY
@@ -108,6 +109,14 @@ def test_a_band_and_an_axis_that_is_not_cut_have_no_edge() -> None:
     drawn = line(x, y, "d", "$blue", yaxis="y2")
     assert with_edges([drawn], {"yaxis": log, "yaxis2": {"type": "log"}}) == [drawn]
     assert with_edges([drawn], {"yaxis": log, "yaxis2": {"range": [0, 1]}}) == [drawn]
+
+
+def test_good_estimators_are_not_on_the_floor_beside_bad_ones_that_did_not_diverge() -> None:
+    alive = np.ones((2, 50), dtype=bool)
+    good, bad = np.linspace(0.01, 0.04, 50), np.linspace(80.0, 120.0, 50)
+    axis = error_axis("state", np.array([good, bad]), alive)
+    assert all(shown([*good, *bad], axis))
+    assert "type" not in error_axis("state", np.array([bad, bad / 3.0]), alive)
 
 
 def test_a_healthy_estimator_is_seen_beside_diverging_ones(page: Page) -> None:
