@@ -12,11 +12,11 @@ from bus.extras import installing
 from bus.keys import EXCHANGE
 from bus.plan import LinkPlan, Plan
 from orchestrator.errors import InputError
+from orchestrator.graph_routes import Ends, Point, bends
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Point = tuple[float, float]
+    from matplotlib.figure import Figure
 
 _LOSSLESS = frozenset({"perfect", "channel.impairments.perfect:Perfect"})
 _COLOURS = {
@@ -45,6 +45,11 @@ class DrawnLink:
     both_ways: bool
     attacked: bool
     lossy: bool
+
+    @property
+    def ends(self) -> Ends:
+        """From where to where it leads."""
+        return self.source, self.destination
 
 
 def drawn_links(plan: Plan) -> list[DrawnLink]:
@@ -126,18 +131,30 @@ def _around(names: Sequence[str], links: Sequence[LinkPlan]) -> list[str]:
 
 
 def draw(plan: Plan, out: Path) -> None:
-    """Draw a plan's network into a file; its ending says how: svg, png or pdf.
-
-    Lines between estimators are exchange links, with an arrow head where they lead one way only; a sensor's
-    line leads to who listens to it. Red is attacked in some step, dashed is lossy. Raises `DrawingError`.
-    """
+    """Draw a plan's network into a file; its ending says how: svg, png or pdf. Raises `DrawingError`."""
     try:
         from matplotlib import rc_context
-        from matplotlib.figure import Figure
     except ImportError:
         raise DrawingError(f"drawing needs matplotlib: {installing('draw')}") from None
     if out.suffix.lower() not in (".svg", ".png", ".pdf"):
         raise DrawingError(f"{out}: the ending '{out.suffix}' is not .svg, .png or .pdf")
+    figure = drawing(plan)
+    try:
+        with rc_context({"svg.hashsalt": plan.name}):
+            figure.savefig(out, dpi=150, metadata={"Date": None} if out.suffix.lower() == ".svg" else None)
+    except OSError as error:
+        raise DrawingError(f"{out} cannot be written: {error.strerror}") from None
+
+
+def drawing(plan: Plan) -> Figure:
+    """Return the drawing of a plan's network.
+
+    Lines between estimators are exchange links, with an arrow head where they lead one way only; a sensor's
+    line leads to who listens to it. A line bends around nodes on its way. Red is attacked in some step,
+    dashed is lossy; the plant is ringed in red where a signal attacks it.
+    """
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(9.0, 9.0), layout="constrained")
     axes = figure.add_subplot()
     axes.set_aspect("equal")
@@ -146,18 +163,17 @@ def draw(plan: Plan, out: Path) -> None:
     axes.set_axis_off()
     axes.set_title(plan.name)
     places = layout(plan)
-    for link in drawn_links(plan):
-        _draw_link(axes, link, places)
+    links = drawn_links(plan)
+    attacked = [link.ends for link in links if link.attacked]
+    ways = bends([link.ends for link in links], places, attacked)
+    for link in links:
+        _draw_link(axes, link, places, ways[link.ends])
     _draw_nodes(axes, plan, places)
     _draw_legend(axes)
-    try:
-        with rc_context({"svg.hashsalt": plan.name}):
-            figure.savefig(out, dpi=150, metadata={"Date": None} if out.suffix.lower() == ".svg" else None)
-    except OSError as error:
-        raise DrawingError(f"{out} cannot be written: {error.strerror}") from None
+    return figure
 
 
-def _draw_link(axes: Axes, link: DrawnLink, places: Mapping[str, Point]) -> None:
+def _draw_link(axes: Axes, link: DrawnLink, places: Mapping[str, Point], bend: float) -> None:
     colour = _COLOURS["attack"] if link.attacked else _COLOURS["link"]
     axes.annotate(
         "",
@@ -166,6 +182,7 @@ def _draw_link(axes: Axes, link: DrawnLink, places: Mapping[str, Point]) -> None
         zorder=2 if link.attacked else 1,
         arrowprops={
             "arrowstyle": "-" if link.both_ways else "-|>",
+            "connectionstyle": f"arc3,rad={bend}",
             "color": colour,
             "linestyle": (0, (5, 3)) if link.lossy else "solid",
             "linewidth": 2.2 if link.attacked else 1.0,
@@ -187,12 +204,16 @@ def _draw_nodes(axes: Axes, plan: Plan, places: Mapping[str, Point]) -> None:
         names = [name for name in places if kinds[name] == role]
         xs, ys = [places[name][0] for name in names], [places[name][1] for name in names]
         size = 900 if role == "plant" else 420
-        axes.scatter(xs, ys, s=size, marker=shape, c=_COLOURS[role], edgecolors="#22223b", zorder=3)
+        ringed = role == "plant" and plan.signals
+        edge, width = (_COLOURS["attack"], 3.0) if ringed else ("#22223b", 1.5)
+        axes.scatter(
+            xs, ys, s=size, marker=shape, c=_COLOURS[role], edgecolors=edge, linewidths=width, zorder=3
+        )
     for name, place in places.items():
         axes.annotate(name, place, ha="center", va="center", fontsize=8, zorder=4)
     x, y = places[plan.plant.name]
     measured = "measured by every sensor" if plan.sensors else ""
-    axes.annotate(measured, (x, y - 0.14), ha="center", va="top", fontsize=7, color="#4a4e69")
+    axes.annotate(measured, (x, y + 0.14), ha="center", va="bottom", fontsize=7, color="#4a4e69")
 
 
 def _draw_legend(axes: Axes) -> None:
@@ -201,6 +222,6 @@ def _draw_legend(axes: Axes) -> None:
     lines = [
         Line2D([], [], color=_COLOURS["link"], label="link"),
         Line2D([], [], color=_COLOURS["link"], linestyle=(0, (5, 3)), label="lossy link"),
-        Line2D([], [], color=_COLOURS["attack"], linewidth=2.2, label="attacked link"),
+        Line2D([], [], color=_COLOURS["attack"], linewidth=2.2, label="attacked link or plant"),
     ]
     axes.legend(handles=lines, loc="lower right", frameon=False, fontsize=8)

@@ -2,7 +2,7 @@
 (function () {
   const page = JSON.parse(document.getElementById("payload").textContent);
   const root = document.documentElement;
-  const numbers = { f4: Float32Array, i4: Int32Array, i2: Int16Array };
+  const numbers = { f8: Float64Array, f4: Float32Array, i4: Int32Array, i2: Int16Array };
   const arrays = page.arrays.map(function (packed) {
     const text = atob(packed.bdata);
     const bytes = new Uint8Array(text.length);
@@ -97,6 +97,7 @@
       if (symbol.startsWith("x")) parts += '<path d="M7 2l8 8M15 2l-8 8" stroke-width="2" stroke="' + fill + '"/>';
       else if (symbol.startsWith("square")) parts += '<rect x="6.5" y="1.5" width="9" height="9" fill="' + fill + '"' + edge + "/>";
       else if (symbol.startsWith("diamond")) parts += '<path d="M11 0l6 6-6 6-6-6z" fill="' + fill + '"' + edge + "/>";
+      else if (symbol.startsWith("arrow")) parts += '<path d="M6 1.5h10M11 2l4.5 8.5L11 8.5 6.5 10.5z" stroke-width="1.5" stroke="' + fill + '" fill="' + fill + '"/>';
       else if (symbol.startsWith("triangle")) parts += '<path d="M11 1l6 10H5z" fill="' + fill + '"' + edge + "/>";
       else if (symbol.endsWith("open")) parts += '<circle cx="11" cy="6" r="4.5" fill="none" stroke-width="2" stroke="' + fill + '"/>';
       else parts += '<circle cx="11" cy="6" r="4.5" fill="' + fill + '"' + edge + "/>";

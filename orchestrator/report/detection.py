@@ -10,9 +10,10 @@ import numpy as np
 
 from orchestrator.evidence.roc import Roc, roc
 from orchestrator.report.contents import Choice, Figure, Layout, Trace, View
-from orchestrator.report.lines import attack_key, attack_shapes, log_axis, step_axis, value_axis
+from orchestrator.report.lines import attack_key, log_axis, value_axis
 from orchestrator.report.palette import series_style
 from orchestrator.report.recording import Recording
+from orchestrator.report.steps import over_steps, step_shapes
 from orchestrator.report.thinning import kept, leading_nodes, points
 from orchestrator.score.gather import Bools, Floats, Ints
 
@@ -55,13 +56,14 @@ def by_estimator(recording: Recording) -> dict[str, Verdicts]:
 
 _FATES = (
     ("genuine, accepted", False, False, {"symbol": "circle", "size": 5, "color": "$slate/70"}),
-    ("genuine, rejected", False, True, {"symbol": "triangle-up", "size": 10, "color": "$pink"}),
     (
         *("attacked, accepted", True, False),
         {"symbol": "circle-open", "size": 10, "color": "$attack", "line": {"width": 2.4, "color": "$attack"}},
     ),
     ("attacked, rejected", True, True, {"symbol": "diamond", "size": 9, "color": "$attack"}),
+    ("genuine, rejected", False, True, {"symbol": "triangle-up", "size": 10, "color": "$pink"}),
 )
+"""What became of packets, in the order in which they are drawn: false alarms last, over everything."""
 
 
 def _fate_traces(rows: Verdicts, links: Sequence[str], most: int) -> list[Trace]:
@@ -87,8 +89,9 @@ def _fate_traces(rows: Verdicts, links: Sequence[str], most: int) -> list[Trace]
 
 
 def _statistic_axis(statistic: Floats, threshold: float | None) -> dict[str, Any]:
+    """Return the axis of statistics: logarithmic where they are far apart, but never for probabilities."""
     positive = statistic[statistic > 0.0]
-    if not statistic.size or positive.size < statistic.size:
+    if not statistic.size or positive.size < statistic.size or statistic.max() <= 1.0:
         return value_axis("test statistic")
     few, most = np.quantile(positive, [0.05, 0.95])
     if positive.max() <= 30.0 * np.median(positive) and most <= 100.0 * few:
@@ -141,7 +144,7 @@ def timeline_figure(recording: Recording, notes: list[str]) -> Figure | None:
     views: dict[tuple[str, ...], View] = {}
     for name in chosen:
         threshold = _threshold(parameters[name], held[name])
-        shapes = attack_shapes(recording.attacked[recording.names.index(name)])
+        shapes = step_shapes(recording, recording.attacked[recording.names.index(name)])
         traces = [*_fate_traces(held[name], links, most), attack_key()]
         if threshold is not None:
             shapes.append(_threshold_look(threshold))
@@ -153,9 +156,7 @@ def timeline_figure(recording: Recording, notes: list[str]) -> Figure | None:
         name="detection",
         title="Verdicts over time, against the channel's truth",
         views=views,
-        layout={
-            "xaxis": {**step_axis(recording.plan.period_s), "range": [-1, recording.plan.steps]},
-        },
+        layout=over_steps(recording, {"xaxis": {"range": [-1, recording.steps]}, "margin": {"t": 32}}),
         choices=(Choice("Estimator", [(name, f"{name}{marks[name]}") for name in chosen], leading[0]),),
         text="A point is a packet that this estimator judged. Its colour says what the channel did to it, "
         "its shape what the detector made of it: diamonds are attacks found, open circles attacks missed, "

@@ -13,6 +13,9 @@ from orchestrator.score.gather import Bools, Floats, Ints
 
 ATTACK_NAME = "an attack is on"
 
+DECADES = 9.0
+"""The most powers of ten that a logarithmic axis spans."""
+
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -111,22 +114,36 @@ def value_axis(title: str, **more: Any) -> dict[str, Any]:
     return {"title": {"text": title}, **more}
 
 
-def log_axis(title: str, values: Sequence[Floats] = ()) -> dict[str, Any]:
-    """Return a logarithmic axis with few, plain labels; it spans at most nine decades of what is positive."""
+def log_axis(title: str, values: Sequence[Floats] = (), anchor: Floats | None = None) -> dict[str, Any]:
+    """Return a logarithmic axis with few, plain labels, of what is positive among values.
+
+    Where that spans more than `DECADES` the axis is cut around the median of ``anchor``: what must be seen,
+    such as a consistency band; else of all values. `orchestrator.report.edges` shows what lies beyond.
+    """
     axis: dict[str, Any] = {"title": {"text": title}, "type": "log", "minor": {"ticks": ""}}
-    positive = [v[np.isfinite(v) & (v > 0)] for v in values]
-    positive = [v for v in positive if v.size]
-    if not positive:
+    positive = _powers(values)
+    if not positive.size:
         return axis
-    low, high = min(float(v.min()) for v in positive), max(float(v.max()) for v in positive)
-    top = float(np.log10(high)) + 0.12
-    bottom = max(float(np.log10(low)) - 0.12, top - 9.0)
-    ticks = _log_ticks(bottom, top)
+    low, high = float(positive.min()), float(positive.max())
+    room = max(0.12, 0.02 * min(high - low, DECADES))
+    low, high = low - room, high + room
+    if high - low > DECADES:
+        wanted = _powers([] if anchor is None else [anchor])
+        middle = float(np.median(wanted if wanted.size else positive))
+        high = min(high, max(middle + 0.5 * DECADES, low + DECADES))
+        low = max(low, high - DECADES)
+    ticks = _log_ticks(low, high)
     return axis | {
-        "range": [bottom, top],
+        "range": [low, high],
         "tickvals": ticks,
         "ticktext": [_tick_text(tick) for tick in ticks],
     }
+
+
+def _powers(values: Sequence[Floats]) -> Floats:
+    """Return the decadic logarithms of all that is finite and positive."""
+    known = [np.log10(own[np.isfinite(own) & (own > 0)]) for own in values]
+    return np.concatenate([np.zeros(0), *known])
 
 
 def _tick_text(tick: float) -> str:

@@ -6,9 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from orchestrator.graph_drawing import Point, layout
+import numpy as np
+
+from orchestrator.graph_drawing import layout
+from orchestrator.graph_routes import Point, bends, curve
 from orchestrator.report.contents import Figure, Trace, View
 from orchestrator.report.recording import Recording
+from orchestrator.score.gather import Floats
+from orchestrator.score.headline import several
 from orchestrator.score.judging import show
 from orchestrator.score.link_results import LinkScore
 from orchestrator.score.results import NodeScore, Score
@@ -81,14 +86,17 @@ def _offset(start: Point, end: Point) -> tuple[Point, Point]:
     return (start[0] + right[0], start[1] + right[1]), (end[0] + right[0], end[1] + right[1])
 
 
-def _line_trace(
-    ends: Sequence[tuple[Point, Point]], name: str, colour: str, width: float, dash: str
-) -> Trace:
+def _way(link: LinkScore, places: dict[str, Point], bend: float) -> Floats:
+    start, end = _offset(places[link.source], places[link.destination])
+    return curve(start, end, bend) if bend else np.array([start, end])
+
+
+def _line_trace(ways: Sequence[Floats], name: str, colour: str, width: float, dash: str) -> Trace:
     xs: list[float | None] = []
     ys: list[float | None] = []
-    for start, end in ends:
-        xs += [round(start[0], 4), round(end[0], 4), None]
-        ys += [round(start[1], 4), round(end[1], 4), None]
+    for way in ways:
+        xs += [*way[:, 0].round(4).tolist(), None]
+        ys += [*way[:, 1].round(4).tolist(), None]
     return {
         "type": "scatter",
         "mode": "lines",
@@ -100,18 +108,15 @@ def _line_trace(
     }
 
 
-def _arrow_trace(
-    links: Sequence[LinkScore], ends: Sequence[tuple[Point, Point]], name: str, colour: str
-) -> Trace:
+def _arrow_trace(links: Sequence[LinkScore], ways: Sequence[Floats], name: str, colour: str) -> Trace:
     """Return an arrow head on each link, nearer to where it leads, which tells the link's figures."""
-    at = [(a[0] + 0.66 * (b[0] - a[0]), a[1] + 0.66 * (b[1] - a[1])) for a, b in ends]
-    angles = [math.degrees(math.atan2(b[0] - a[0], b[1] - a[1])) for a, b in ends]
+    at = [_along(way, 0.66) for way in ways]
     return {
         "type": "scatter",
         "mode": "markers",
-        "x": [round(x, 4) for x, _ in at],
-        "y": [round(y, 4) for _, y in at],
-        "marker": {"symbol": "arrow", "size": 10, "angle": [round(a, 1) for a in angles], "color": colour},
+        "x": [round(x, 4) for x, _, _ in at],
+        "y": [round(y, 4) for _, y, _ in at],
+        "marker": {"symbol": "arrow", "size": 10, "angle": [round(a, 1) for _, _, a in at], "color": colour},
         "text": [_link_text(link) for link in links],
         "hoverinfo": "text",
         "legendgroup": name,
@@ -120,11 +125,23 @@ def _arrow_trace(
     }
 
 
+def _along(way: Floats, share: float) -> tuple[float, float, float]:
+    """Return the point at a share of a way, and where it heads there (degrees clockwise from the top)."""
+    place = share * (len(way) - 1)
+    before = min(int(place), len(way) - 2)
+    a, b = way[before], way[before + 1]
+    x, y = a + (place - before) * (b - a)
+    return float(x), float(y), math.degrees(math.atan2(b[0] - a[0], b[1] - a[1]))
+
+
 def _is_attacked(link: LinkScore) -> bool:
     return bool(link.traffic.attacked or link.traffic.injected)
 
 
 def _link_traces(score: Score, places: dict[str, Point]) -> list[Trace]:
+    ends = [(link.source, link.destination) for link in score.links]
+    attacked = [own for own, link in zip(ends, score.links, strict=True) if _is_attacked(link)]
+    bent = bends(ends, places, attacked)
     classes: dict[tuple[str, str, float, str], list[LinkScore]] = {}
     for link in sorted(
         score.links, key=lambda link: (_is_attacked(link), loss_class(link.traffic.lost_share))
@@ -136,9 +153,9 @@ def _link_traces(score: Score, places: dict[str, Point]) -> list[Trace]:
         classes.setdefault(look, []).append(link)
     traces = []
     for (name, colour, width, dash), links in classes.items():
-        ends = [_offset(places[link.source], places[link.destination]) for link in links]
-        traces.append({**_line_trace(ends, name, colour, width, dash), "legendgroup": name})
-        traces.append(_arrow_trace(links, ends, name, colour))
+        ways = [_way(link, places, bent[link.source, link.destination]) for link in links]
+        traces.append({**_line_trace(ways, name, colour, width, dash), "legendgroup": name})
+        traces.append(_arrow_trace(links, ways, name, colour))
     return traces
 
 
@@ -195,8 +212,12 @@ def _node_traces(recording: Recording, places: dict[str, Point]) -> list[Trace]:
         for name, sensor in zip(sensors, plan.sensors, strict=True)
     ]
     plant_text = f"<b>{plan.plant.name}</b> {plan.plant.kind.reference.rpartition(':')[2]}"
+    signals = int(recording.evidence.gathered.attack_beliefs.on.sum())
+    if signals:
+        plant_text += f"<br>under a signal attack in {several(signals, 'step')}"
+    struck = {plan.plant.name} if signals else set()
     traces = [
-        _node_trace("plant", [plan.plant.name], [plant_text], places, set()),
+        _node_trace("plant", [plan.plant.name], [plant_text], places, struck),
         _node_trace("sensor", sensors, sensor_texts, places, sources),
         _node_trace("estimator", recording.names, [told[name] for name in recording.names], places, hit),
     ]
@@ -232,7 +253,7 @@ def network_figure(recording: Recording) -> Figure:
             "dragmode": False,
         },
         text="Lines are links, wider and stronger in colour the more packets they lost; an arrow head shows "
-        "where a link leads. Attacked links, and the nodes they concern, are marked in orange. Point at a "
-        "node or an arrow head for its figures.",
+        "where a link leads; it bends around nodes that it has nothing to do with. Attacked links, and the "
+        "nodes they concern, are marked in orange. Point at a node or an arrow head for its figures.",
         aspect=1.0,
     )

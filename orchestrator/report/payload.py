@@ -11,19 +11,30 @@ from typing import Any
 import numpy as np
 
 from orchestrator.report.contents import Figure, View
+from orchestrator.report.edges import with_edges
 from orchestrator.report.palette import DARK, LIGHT, coloured, template
 
 
 def _packed(array: np.ndarray[Any, Any]) -> dict[str, str]:
-    """Return an array of numbers as Plotly reads it: single precision, or the smallest whole numbers."""
+    """Return an array of numbers as Plotly reads it.
+
+    Single precision, double where a number is too large or too small for that, or the smallest whole numbers.
+    """
     if array.dtype.kind == "f":
-        with np.errstate(over="ignore"):
-            data, dtype = array.astype("<f4"), "f4"
+        dtype = "f4" if _is_single(array) else "f8"
+        data = array.astype(f"<{dtype}")
     else:
         low, high = (int(array.min()), int(array.max())) if array.size else (0, 0)
         small = low >= -(2**15) and high < 2**15
         data, dtype = array.astype("<i2" if small else "<i4"), "i2" if small else "i4"
     return {"dtype": dtype, "bdata": base64.b64encode(np.ascontiguousarray(data).tobytes()).decode()}
+
+
+def _is_single(array: np.ndarray[Any, Any]) -> bool:
+    """Return whether every finite number keeps its first digits in single precision."""
+    sizes = np.abs(array[np.isfinite(array) & (array != 0.0)])
+    limits = np.finfo(np.float32)
+    return not sizes.size or bool(sizes.max() <= limits.max and sizes.min() >= limits.tiny)
 
 
 class _Store:
@@ -63,7 +74,10 @@ def _figure(figure: Figure, store: _Store) -> dict[str, Any]:
         "aspect": figure.aspect,
         "layout": store.plain(figure.layout),
         "views": {
-            "|".join(key): {"traces": store.plain(list(view.traces)), "layout": store.plain(view.layout)}
+            "|".join(key): {
+                "traces": store.plain(with_edges(view.traces, _merged(figure.layout, view.layout))),
+                "layout": store.plain(view.layout),
+            }
             for key, view in figure.views.items()
         },
     }
@@ -95,6 +109,6 @@ def plotly_figure(figure: Figure, view: View, palette: dict[str, str]) -> dict[s
     """Return one view of a figure as Plotly's Python package takes it, with its template."""
     layout = _merged(figure.layout, view.layout)
     return {
-        "data": coloured(list(view.traces), palette),
+        "data": coloured(with_edges(view.traces, layout), palette),
         "layout": coloured({**layout, "template": {"layout": template()}}, palette),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +25,11 @@ CHANNEL_COUNTS = ("sent", "delivered", "lost", "attacked", "injected", "refused"
 
 @dataclass(frozen=True)
 class Recording:
-    """A run, read: N estimators, K steps, n components of the state.
+    """A run, read: N estimators, K steps that were recorded, n components of the state.
 
     ``truth`` (K, n). ``state`` and ``sigma`` (N, K, n) are what estimators said *of* a step (not in it).
     ``counts`` (6, K) are the packets of all links by step, in the order of `CHANNEL_COUNTS`. Unknown is NaN.
+    K is less than the plan's ``steps`` where the record ends early.
     """
 
     log: Log
@@ -50,9 +52,37 @@ class Recording:
         return [estimator.name for estimator in self.plan.estimators]
 
     @property
+    def steps(self) -> int:
+        """K: all steps up to the last one in which an estimate is recorded."""
+        return len(self.truth)
+
+    @property
     def attacked(self) -> Bools:
         """The steps (N, K) in which an attacked packet reached each estimator, or an attack the plant."""
-        return self.evidence.attacked
+        return self.evidence.attacked[:, : self.steps]
+
+    @cached_property
+    def norm(self) -> dict[str, Floats]:
+        """The error norm (N, K) of what was estimated of each step, by state group."""
+        return {group: self._of_steps(norm) for group, norm in self.evidence.errors.norm.items()}
+
+    @cached_property
+    def nees(self) -> Floats:
+        """The NEES (N, K) of what was estimated of each step."""
+        return self._of_steps(self.evidence.nees)
+
+    @cached_property
+    def alive(self) -> Bools:
+        """Whether what was estimated of each step (N, K) was so before the estimator diverged."""
+        return np.asarray(self._of_steps(self.evidence.errors.alive.astype(np.float64)) == 1.0)
+
+    def _of_steps(self, values: Floats) -> Floats:
+        """Return values by step of publication (N, all) by the step (N, K) that the estimate is of."""
+        about = self.evidence.gathered.estimates.refers_to
+        node, step = np.nonzero((about >= 0) & (about < self.steps))
+        found = np.full((len(values), self.steps), np.nan)
+        found[node, about[node, step]] = values[node, step]
+        return found
 
     @property
     def components(self) -> list[str]:
@@ -110,4 +140,15 @@ def read_recording(path: Path) -> Recording:
     result, evidence = score_topology(topology, gathered, log.departed)
     if not evidence.gathered.estimates.present.any():
         raise ReportError(f"{path} holds no estimate: there is nothing to report; run it again")
-    return Recording(log, topology, result, evidence, *watch.arrays(), watch.counts)
+    steps = int(np.flatnonzero(evidence.gathered.estimates.present.any(axis=0))[-1]) + 1
+    truth, state, sigma = watch.arrays()
+    return Recording(
+        log,
+        topology,
+        result,
+        evidence,
+        truth[:steps],
+        state[:, :steps],
+        sigma[:, :steps],
+        watch.counts[:, :steps],
+    )

@@ -7,28 +7,25 @@ from pathlib import Path
 import numpy as np
 
 from orchestrator.report.consistency import over_time_figure, summary_figure
-from orchestrator.report.contents import Block, Mark, Page, Section, Table, Text, Tile
+from orchestrator.report.contents import Block, Mark, Page, Section, Table, Text
 from orchestrator.report.detection import roc_figure, run_curves, timeline_figure
 from orchestrator.report.network import network_figure
 from orchestrator.report.recording import Recording, read_recording
+from orchestrator.report.run_tiles import run_tiles
 from orchestrator.report.signals import signal_figure
 from orchestrator.report.thinning import STRETCHES
 from orchestrator.report.tracking import disagreement_figure, error_figure, tracking_figure
 from orchestrator.report.traffic import link_table, matrix_figure, rate_figure
 from orchestrator.score.gather import Bools
-from orchestrator.score.headline import headline
+from orchestrator.score.headline import extent, headline
 from orchestrator.score.judging import show
-from orchestrator.score.link_results import AttackWindow
-from orchestrator.score.results import Consistency, NodeScore, Outcome, Score
+from orchestrator.score.link_results import AttackWindow, Confusion
+from orchestrator.score.remarks import alarm_after, false_alarms, rejected, remarks, trusted_after
+from orchestrator.score.results import Consistency, Outcome, Score
 
 TONES = {"PASSED": "good", "FAILED": "bad", "INCOMPLETE": "warn", "DONE": "plain"}
 WINDOW_ROWS = 200
 FEW_LINKS = 4
-
-
-def percent(share: float | None) -> str:
-    """Return a share for people."""
-    return "-" if share is None else f"{100 * share:.3g} %"
 
 
 def _figure(value: float | None) -> str:
@@ -37,59 +34,6 @@ def _figure(value: float | None) -> str:
 
 def _ratio(figures: Consistency) -> str:
     return _figure(figures.mean / figures.dof) if figures.mean is not None and figures.dof else "-"
-
-
-def _tiles(score: Score) -> list[Tile]:
-    packets, judged = score.traffic, score.detector
-    diverged = sum(node.divergence_step is not None for node in score.nodes)
-    held = sum(outcome.passed for outcome in score.expectations)
-    tiles = [
-        *_missing(score),
-        Tile(
-            "Expectations held",
-            f"{held} of {len(score.expectations)}" if score.expectations else "none",
-            tone="bad" if held < len(score.expectations) else "plain",
-        ),
-        Tile("Estimators diverged", f"{diverged} of {len(score.nodes)}", tone="bad" if diverged else "plain"),
-        Tile("Packets lost", percent(packets.lost_share), f"{packets.lost:,} of {packets.sent:,}"),
-        Tile("Packets attacked", f"{packets.attacked + packets.injected:,}", _attack_remark(score)),
-    ]
-    if judged is None:
-        return [*tiles, Tile("Detector", "none", "no verdict on any packet")]
-    attacked = judged.true_positive + judged.false_negative
-    genuine = judged.false_positive + judged.true_negative
-    return [
-        *tiles,
-        Tile(
-            "Attacked packets rejected", percent(judged.recall), f"{judged.true_positive:,} of {attacked:,}"
-        ),
-        Tile(
-            "Genuine packets rejected",
-            percent(judged.false_alarm_rate),
-            f"{judged.false_positive:,} of {genuine:,}",
-            tone="warn" if score.lockouts else "plain",
-        ),
-    ]
-
-
-def _missing(score: Score) -> list[Tile]:
-    """Return how much of the run is there, where that is not all of it."""
-    if score.complete:
-        return []
-    missing = score.steps - score.steps_recorded
-    return [
-        Tile(
-            "Steps recorded",
-            f"{score.steps_recorded:,} of {score.steps:,}",
-            f"{missing:,} missing",
-            tone="warn",
-        )
-    ]
-
-
-def _attack_remark(score: Score) -> str:
-    links = {window.link for window in score.windows}
-    return f"on {len(links)} of {len(score.links)} links" if links else ""
 
 
 def verdict_table(score: Score) -> Table:
@@ -114,18 +58,6 @@ def _where(outcome: Outcome) -> str:
     return told if outcome.measured is None else told.partition(" (")[2].removesuffix(")")
 
 
-def _remark(node: NodeScore, score: Score) -> str:
-    parts = [f"PRIVILEGED: told of {', '.join(node.privileged)}"] if node.privileged else []
-    if node.divergence_step is not None:
-        parts.append(f"diverged at step {node.divergence_step}")
-    if node.silent_from is not None:
-        parts.append(f"silent from step {node.silent_from}")
-    parts += [f"deaf from step {out.first_step}" for out in score.lockouts if out.node == node.name]
-    if node.attacked_steps:
-        parts.append(f"attacked in {node.attacked_steps} steps")
-    return ", ".join(parts)
-
-
 def _node_table(score: Score) -> Table:
     groups = list(score.nodes[0].groups)
     rows = [
@@ -136,7 +68,7 @@ def _node_table(score: Score) -> Table:
             *(_figure(node.groups[group].peak) for group in groups[-1:]),
             _ratio(node.nees),
             _ratio(node.nis),
-            _remark(node, score),
+            ", ".join(remarks(node, score)),
         )
         for node in score.nodes
     ]
@@ -155,32 +87,33 @@ def _node_table(score: Score) -> Table:
     )
 
 
-def _after(steps: int) -> str:
-    return "at once" if steps == 0 else f"after {steps} step{'' if steps == 1 else 's'}"
+def _window_row(window: AttackWindow, score: Score, judged: Confusion | None) -> tuple[str | Mark, ...]:
+    """Return the row of an attack; its first alarm is good where most of its packets were rejected."""
+    tone = "plain"
+    if window.judged:
+        tone = "warn" if window.delay is not None or window.censored else "bad"
+    if window.delay is not None and window.rejected >= 0.5 * window.packets:
+        tone = "good"
+    return (
+        window.link,
+        window.stage.removesuffix(f"@{window.link}"),
+        f"{window.first} to {window.last}",
+        rejected(window),
+        false_alarms(judged),
+        Mark(alarm_after(window), tone),
+        trusted_after(window, score) or "-",
+    )
 
 
-def _window_row(window: AttackWindow) -> tuple[str | Mark, ...]:
-    if not window.judged:
-        answer, rejected, release = Mark("no detector", "plain"), "-", "-"
-    else:
-        rejected = f"{window.rejected} of {window.packets}"
-        release = "never" if window.release is None else _after(window.release)
-        answer = Mark("missed", "bad")
-        if window.delay is not None:
-            answer = Mark(_after(window.delay), "good")
-        elif window.censored:
-            answer = Mark("run ended first", "warn")
-    stage = window.stage.removesuffix(f"@{window.link}")
-    return (window.link, stage, f"{window.first} to {window.last}", rejected, answer, release)
-
-
-def _window_table(score: Score, notes: list[str]) -> Table:
+def window_table(score: Score, notes: list[str]) -> Table:
+    """Return what the detectors made of each attack on each link."""
     if len(score.windows) > WINDOW_ROWS:
         notes.append(f"The table of attacks has {WINDOW_ROWS} of {len(score.windows)} rows.")
+    judged = {link.name: link.detector for link in score.links}
     return Table(
         "Attacks, and what the detectors made of them",
-        ("link", "attack", "steps", "rejected", "first alarm", "trusted again"),
-        [_window_row(window) for window in score.windows[:WINDOW_ROWS]],
+        ("attacked link", "by", "steps", "rejected", "false alarms", "alarm after", "trusted after"),
+        [_window_row(window, score, judged[window.link]) for window in score.windows[:WINDOW_ROWS]],
         frozenset({0, 1}),
     )
 
@@ -196,7 +129,7 @@ def _origin_table(recording: Recording, path: Path) -> Table:
     if recording.log.truncated:
         state = "cut off; gauntlet log recover makes it whole"
     if not recording.score.complete:
-        state += f"; {recording.score.steps_recorded} of {recording.score.steps} steps"
+        state += f"; {extent(recording.score)}"
     rows = [
         ("log", str(path)),
         ("topology", facts["name"]),
@@ -224,7 +157,7 @@ def _detection_blocks(recording: Recording, notes: list[str]) -> list[Block]:
     score = recording.score
     blocks: list[Block] = []
     if score.windows:
-        blocks.append(_window_table(score, notes))
+        blocks.append(window_table(score, notes))
     timeline = timeline_figure(recording, notes)
     if timeline is None:
         told = "No estimator gave a verdict with a test statistic on any packet."
@@ -292,7 +225,7 @@ def run_page(path: Path) -> Page:
         tone=TONES[word],
         headline=rest[:1].upper() + rest[1:],
         facts=_facts(score),
-        tiles=_tiles(score),
+        tiles=run_tiles(score),
         sections=sections,
         notes=notes,
     )

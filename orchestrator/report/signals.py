@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from orchestrator.report.contents import Choice, Figure, Trace, View
-from orchestrator.report.lines import attack_shapes, line, stacked
+from orchestrator.report.lines import line, stacked
 from orchestrator.report.recording import Recording
+from orchestrator.report.steps import over_steps, step_shapes
 from orchestrator.report.thinning import kept
 from orchestrator.score.gather import Floats
 
@@ -23,7 +24,9 @@ def signal_figure(recording: Recording) -> Figure | None:
         return None
     q = beliefs.signal.shape[1]
     views: dict[tuple[str, ...], View] = {
-        (recording.names[node],): View(_traces(recording, node), {"shapes": attack_shapes(beliefs.on)})
+        (recording.names[node],): View(
+            _traces(recording, node), {"shapes": step_shapes(recording, beliefs.on[: recording.steps])}
+        )
         for node in chosen
     }
     names = [(recording.names[node], recording.names[node]) for node in chosen]
@@ -32,7 +35,7 @@ def signal_figure(recording: Recording) -> Figure | None:
         name="signal-attack",
         title="What was said of the attack on the plant",
         views=views,
-        layout=stacked(titles, [1.0] * len(titles), recording.plan.period_s),
+        layout=over_steps(recording, stacked(titles, [1.0] * len(titles), recording.plan.period_s)),
         choices=(Choice("Estimator", names, names[0][0]),),
         text="Above, the probability of an attack in each step; below, the signal and its estimate, in the "
         "steps that were called attacked. Shaded: there was an attack.",
@@ -43,15 +46,16 @@ def signal_figure(recording: Recording) -> Figure | None:
 def _traces(recording: Recording, node: int) -> list[Trace]:
     """Return the traces of one estimator, by the steps that it spoke of."""
     beliefs = recording.evidence.gathered.attack_beliefs
-    said = np.flatnonzero(beliefs.about[node] >= 0)
+    on, signal = beliefs.on[: recording.steps], beliefs.signal[: recording.steps]
+    said = np.flatnonzero((beliefs.about[node] >= 0) & (beliefs.about[node] < recording.steps))
     about = beliefs.about[node, said]
-    probability = _by_step(beliefs.probability[node, said], about, len(beliefs.signal))
+    probability = _by_step(beliefs.probability[node, said], about, recording.steps)
     at = kept(probability)
     hover = {"hovertemplate": "%{y:.4g}"}
     traces = [line(at, probability[at], "estimate", "$blue", **hover)]
-    for i in range(beliefs.signal.shape[1]):
-        truth = np.where(beliefs.on, beliefs.signal[:, i], np.nan)
-        value = _by_step(beliefs.value[node, said, i], about, len(truth))
+    for i in range(signal.shape[1]):
+        truth = np.where(on, signal[:, i], np.nan)
+        value = _by_step(beliefs.value[node, said, i], about, recording.steps)
         likely = np.isnan(probability) | (probability > 0.5)
         value = np.where(likely, value, np.nan)
         at = kept(value)

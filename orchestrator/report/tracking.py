@@ -10,19 +10,18 @@ import numpy as np
 from orchestrator.report.contents import Choice, Figure, Trace, View
 from orchestrator.report.lines import (
     attack_key,
-    attack_shapes,
     band,
     line,
     log_axis,
     stacked,
-    step_axis,
     value_axis,
 )
 from orchestrator.report.palette import series_style
 from orchestrator.report.recording import Recording
+from orchestrator.report.steps import over_steps, step_shapes
 from orchestrator.report.thinning import in_order, kept, leading_nodes, points
 from orchestrator.score.accuracy import root_mean_square
-from orchestrator.score.gather import Floats
+from orchestrator.score.gather import Bools, Floats
 
 PAIRS = 240
 """Most pairs of node and component that the tracking figure holds."""
@@ -35,6 +34,9 @@ WIDEST = 30.0
 
 LINES = 24
 """Most estimators that have a line of their own in the figure of errors."""
+
+FAR, APART = 50.0, 20.0
+"""From which ratios on errors are drawn on a logarithmic axis: see `error_axis`."""
 
 SHOWN = 6
 """Estimators whose lines are shown at first."""
@@ -86,15 +88,15 @@ def tracking_figure(recording: Recording, notes: list[str]) -> Figure:
             f"Truth against estimates: {len(chosen)} of {len(names)} estimators can be chosen, the attacked, "
             "the worst and the best first."
         )
-    if recording.plan.steps > most:
+    if recording.steps > most:
         notes.append(
-            f"Truth against estimates: of {recording.plan.steps:,} steps about {most:,} a line are drawn, "
+            f"Truth against estimates: of {recording.steps:,} steps about {most:,} a line are drawn, "
             "the smallest and the largest error of each stretch among them."
         )
     views: dict[tuple[str, ...], View] = {}
     for name in chosen:
         node = names.index(name)
-        shapes = attack_shapes(recording.attacked[node])
+        shapes = step_shapes(recording, recording.attacked[node])
         key = [attack_key()] if recording.attacked.any() else []
         for component, label in enumerate(components):
             traces = _tracking_traces(recording, node, component, most)
@@ -109,7 +111,7 @@ def tracking_figure(recording: Recording, notes: list[str]) -> Figure:
         name="tracking",
         title="Truth and estimate, and the error of it",
         views=views,
-        layout=stacked(["value", "error"], [0.6, 0.4], recording.plan.period_s),
+        layout=over_steps(recording, stacked(["value", "error"], [0.6, 0.4], recording.plan.period_s)),
         choices=(
             Choice("Estimator", [(name, f"{name}{marks[name]}") for name in chosen], leading[0]),
             Choice("Component", [(str(i), label) for i, label in enumerate(components)], "0"),
@@ -123,17 +125,17 @@ def tracking_figure(recording: Recording, notes: list[str]) -> Figure:
 
 def error_figure(recording: Recording, notes: list[str]) -> Figure:
     """Return the error norms of all estimators over time, by state group."""
-    names, groups = recording.names, list(recording.evidence.errors.norm)
+    names, groups = recording.names, list(recording.norm)
     leading = leading_nodes(recording.score, LINES)
     drawn = in_order(leading, names)
     if len(drawn) < len(names):
         notes.append(f"Errors over time: lines of {len(drawn)} of {len(names)} estimators.")
     most = points(len(drawn) * len(groups))
-    if recording.plan.steps > most:
+    if recording.steps > most:
         notes.append(f"Errors over time: smallest and largest of each stretch, {most:,} points a line.")
     views: dict[tuple[str, ...], View] = {}
     for group in groups:
-        norm = recording.evidence.errors.norm[group]
+        norm = recording.norm[group]
         traces = []
         for name in drawn:
             values = norm[names.index(name)]
@@ -149,7 +151,7 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
                 }
             )
         if len(names) > 1:
-            whole = root_mean_square(norm, recording.evidence.errors.alive, axis=0)
+            whole = _of_all(norm, recording.alive)
             at = kept(whole, most)
             traces.append(
                 line(at, whole[at], "RMS of all", "$ink", width=2.8, dash="solid", hovertemplate="%{y:.4g}")
@@ -157,34 +159,65 @@ def error_figure(recording: Recording, notes: list[str]) -> Figure:
         key = [attack_key()] if recording.attacked.any() else []
         views[(group,)] = View(
             [*traces, *key],
-            {"yaxis": _error_axis(group, norm), "shapes": attack_shapes(np.any(recording.attacked, axis=0))},
+            {
+                "yaxis": error_axis(group, norm, recording.alive),
+                "shapes": step_shapes(recording, np.any(recording.attacked, axis=0)),
+            },
         )
     choices = [(group, "whole state" if group == "state" else group) for group in groups]
     return Figure(
         name="errors",
         title="Error norm over time",
         views=views,
-        layout={"xaxis": step_axis(recording.plan.period_s), "hovermode": "x unified"},
+        layout=over_steps(recording, {"hovermode": "x unified"}),
         choices=(Choice("State group", choices, groups[0]),),
-        text="Euclidean distance between estimate and truth in a group of the state's components. Shaded: an "
-        "attack on any of the estimators, or on the plant. The names below switch lines on and off.",
+        text="Euclidean distance between estimate and truth in a group of the state's components, at the "
+        "step that the estimate is of: a prediction stands a step later than it was made. Shaded: an attack "
+        "on any of the estimators, or on the plant. The names below switch lines on and off.",
         height=400,
     )
 
 
-def _error_axis(group: str, norm: Floats) -> dict[str, object]:
-    known = norm[np.isfinite(norm) & (norm > 0)]
+def error_axis(group: str, norm: Floats, alive: Bools) -> dict[str, object]:
+    """Return the axis of errors (N, K): logarithmic where on a linear one some would lie on the floor.
+
+    So it is where an error exceeds the median `FAR` times, or one estimator's median that of another
+    `APART` times. What was before divergence is always in sight.
+    """
+    positive = np.isfinite(norm) & (norm > 0)
+    known = norm[positive]
+    usual = norm[positive & alive] if (positive & alive).any() else known
     label = f"error of {'the state' if group == 'state' else group}"
-    if known.size and known.max() > 200.0 * np.median(known):
-        return log_axis(label, [known])
+    middles = [float(np.median(own[keep])) for own, keep in zip(norm, positive, strict=True) if keep.any()]
+    if known.size and (known.max() > FAR * np.median(usual) or max(middles) > APART * min(middles)):
+        return log_axis(label, [known], anchor=usual)
     return value_axis(label, rangemode="tozero")
+
+
+def _of_all(norm: Floats, alive: Bools) -> Floats:
+    """Return the RMS over estimators (N, K), from the first step on of which all have spoken that ever do."""
+    spoke = ~np.isnan(norm)
+    first = np.argmax(spoke, axis=1)[spoke.any(axis=1)]
+    whole = root_mean_square(norm, alive, axis=0)
+    return np.where(np.arange(whole.size) >= np.max(first, initial=0), whole, np.nan)
+
+
+def _disagreement(recording: Recording, members: Sequence[int]) -> Floats:
+    """Return the RMS distance (K,) from their mean of the estimates of each step, of those not diverged."""
+    state = np.where(recording.alive[members][:, :, None], recording.state[members], np.nan)
+    known = (~np.isnan(state).any(axis=2)).sum(axis=0)
+    count = np.maximum(known, 1)
+    with np.errstate(over="ignore"):
+        mean = np.nansum(state, axis=0) / count[:, None]
+        apart = np.sqrt(np.nansum(np.square(state - mean), axis=(0, 2)) / count)
+    return np.where(known >= 2, apart, np.nan)
 
 
 def disagreement_figure(recording: Recording) -> Figure | None:
     """Return how far estimators that belong together are apart over time; None where there are none."""
     traces = []
     for number, network in enumerate(recording.score.networks):
-        values = np.array(network.disagreement_by_step, dtype=np.float64)
+        values = _disagreement(recording, [recording.names.index(name) for name in network.members])
         if np.isfinite(values).any():
             at = kept(values)
             style = series_style(number)
@@ -196,17 +229,13 @@ def disagreement_figure(recording: Recording) -> Figure | None:
     if not traces:
         return None
     axis = value_axis("disagreement", rangemode="tozero")
-    if recording.evidence.errors.norm and max(np.nanmax(trace["y"]) for trace in traces) > 1e3:
+    if max(np.nanmax(trace["y"]) for trace in traces) > 1e3:
         axis = log_axis("disagreement", [trace["y"] for trace in traces])
     return Figure(
         name="disagreement",
         title="Disagreement over time",
-        views={(): View(traces, {"shapes": attack_shapes(np.any(recording.attacked, axis=0))})},
-        layout={
-            "xaxis": step_axis(recording.plan.period_s),
-            "yaxis": axis,
-            "hovermode": "x unified",
-        },
+        views={(): View(traces, {"shapes": step_shapes(recording, np.any(recording.attacked, axis=0))})},
+        layout=over_steps(recording, {"yaxis": axis, "hovermode": "x unified"}),
         text=f"RMS distance from their mean of the estimates of {_belonging(recording)}.",
         height=260,
     )

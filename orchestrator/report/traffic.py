@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from orchestrator.report.contents import Choice, Figure, Table, Trace, View
-from orchestrator.report.lines import line, step_axis, value_axis
+from orchestrator.report.lines import line, value_axis
 from orchestrator.report.recording import CHANNEL_COUNTS, Recording
+from orchestrator.report.steps import over_steps, step_shapes
 from orchestrator.report.thinning import binned
 from orchestrator.score.link_results import LinkScore, Traffic
 
@@ -28,7 +29,7 @@ _STAIR = {"width": 1.6, "shape": "hv", "hovertemplate": "%{y:.4g}"}
 def rate_figure(recording: Recording, notes: list[str]) -> Figure:
     """Return the packets of all links, step by step."""
     starts, sums, width = binned(recording.counts)
-    spans = np.minimum(width, recording.plan.steps - starts)
+    spans = np.minimum(width, recording.steps - starts)
     rates = {name: sums[row] / spans for row, name in enumerate(CHANNEL_COUNTS)}
     if width > 1:
         notes.append(f"Packets over time are averages over {width} steps each.")
@@ -41,15 +42,15 @@ def rate_figure(recording: Recording, notes: list[str]) -> Figure:
         "refused": "$slate",
     }
     drawn = [name for name in CHANNEL_COUNTS if name in ("sent", "delivered") or rates[name].any()]
+    traces = [line(starts, rates[name], name, looks[name], **_STAIR) for name in drawn]
     return Figure(
         name="traffic",
         title="Packets of all links, by step",
-        views={(): View([line(starts, rates[name], name, looks[name], **_STAIR) for name in drawn])},
-        layout={
-            "xaxis": step_axis(recording.plan.period_s),
-            "yaxis": value_axis("packets a step", rangemode="tozero"),
-            "hovermode": "x unified",
-        },
+        views={(): View(traces, {"shapes": step_shapes(recording, np.zeros(recording.steps, dtype=bool))})},
+        layout=over_steps(
+            recording,
+            {"yaxis": value_axis("packets a step", rangemode="tozero"), "hovermode": "x unified"},
+        ),
         text="How often nodes speak, and what becomes of it; an event-triggered sender is often quiet.",
         height=300,
     )
@@ -118,8 +119,7 @@ def matrix_figure(recording: Recording, notes: list[str]) -> Figure:
         notes.append(f"The matrix of links shows {shown} and {len(destinations)} receivers {told}.")
     offered = [what for what in _SHARES if what != "attacked" or recording.score.traffic.attacked]
     views: dict[tuple[str, ...], View] = {
-        (what,): View([_matrix(links, sources, destinations, what, recording.score.steps)])
-        for what in offered
+        (what,): View([_matrix(links, sources, destinations, what, recording.steps)]) for what in offered
     }
     return Figure(
         name="links",

@@ -173,6 +173,25 @@ def _fate(score: Score) -> str:
     return f"{_subject(score)} kept tracking{_circumstance(score)}"
 
 
+def begun_steps(score: Score) -> int:
+    """Return in how many steps some estimator gave its estimate: a node that failed leaves steps in part."""
+    return max((node.steps_scored for node in score.nodes), default=0)
+
+
+def extent(score: Score) -> str:
+    """Return how many steps are recorded, and whose estimates are the fewest where some are there in part."""
+    begun = begun_steps(score)
+    if begun <= score.steps_recorded:
+        return f"{score.steps_recorded} of {several(score.steps, 'step')} recorded"
+    fewest = min(node.steps_scored for node in score.nodes)
+    missed = [node.name for node in score.nodes if node.steps_scored == fewest and node.silent_from is None]
+    whose = f" for want of {_listed(missed, 'estimator')}" if missed else ""
+    return (
+        f"{score.steps_recorded} of {several(score.steps, 'step')} recorded whole "
+        f"and {begun - score.steps_recorded} in part{whose}"
+    )
+
+
 def headline(score: Score) -> str:
     """Return the verdict in one sentence.
 
@@ -184,8 +203,7 @@ def headline(score: Score) -> str:
         missing = several(
             int(sum(expected_estimates(score, node) - node.steps_scored for node in score.nodes)), "estimate"
         )
-        recorded = f"{score.steps_recorded} of {several(score.steps, 'step')} recorded"
-        return f"INCOMPLETE: {recorded}, {missing} missing; as far as they go, {_story(score)}."
+        return f"INCOMPLETE: {extent(score)}, {missing} missing; as far as they go, {_story(score)}."
     if failed:
         named = _listed(list(dict.fromkeys(failed)), "metric")
         return (

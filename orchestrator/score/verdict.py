@@ -146,8 +146,8 @@ def print_verdict(
     if timing:
         console.print(Text(_timing_line(timing), style="dim"))
     console.print()
-    console.print(estimator_tables(score))
-    for table in (signal_table(score), attack_table(score)):
+    console.print(estimator_tables(score, console.width))
+    for table in (signal_table(score, console.width), attack_table(score, console.width)):
         if table is not None:
             console.print()
             console.print(table)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from rich import box
 from rich.console import Group, RenderableType
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from orchestrator.score.link_results import AttackWindow
-from orchestrator.score.measure import expected_estimates, node_value
-from orchestrator.score.results import Consistency, NodeScore, Score
+from orchestrator.score.fitted_table import GAP, Column, fit, fitted
+from orchestrator.score.measure import node_value
+from orchestrator.score.remarks import alarm_after, false_alarms, rejected, remarks, trusted_after
+from orchestrator.score.results import AttackScore, Consistency, NodeScore, Score
 
 ATTACKED_ROWS = 4
 """Attacked estimators that get a row of their own, for each method; those with the largest errors."""
@@ -22,6 +23,9 @@ WINDOW_ROWS = 6
 SIGNAL_ROWS = 8
 
 GROUP_COLUMNS = 3
+
+REMARK = 20
+"""Fewest letters of a line in which a longer remark stands beside its figures."""
 
 
 def _figure(value: float | None) -> str:
@@ -35,25 +39,6 @@ def _per_dof(figures: Consistency) -> str:
 def _badness(node: NodeScore) -> float:
     rmse = node.groups["state"].rmse
     return float("inf") if rmse is None else rmse
-
-
-def _remark(rank: str, node: NodeScore, score: Score) -> str:
-    parts = [rank] if rank else []
-    if node.privileged:
-        parts.append(f"PRIVILEGED: told of {', '.join(node.privileged)}")
-    if node.divergence_step is not None:
-        parts.append(f"diverged at {node.divergence_step}")
-    if node.silent_from is not None:
-        parts.append(f"silent from {node.silent_from}")
-    if not node.complete:
-        parts.append(f"only {node.steps_scored} of {expected_estimates(score, node)} steps")
-    parts += [f"deaf from {lockout.first_step}" for lockout in score.lockouts if lockout.node == node.name]
-    if node.attacked_steps:
-        parts.append(f"attacked {node.attacked_steps} steps")
-    if node.bound.guaranteed is not None and node.bound.outside is not None:
-        kind = "guaranteed bound" if node.bound.guaranteed else "bound"
-        parts.append(f"{kind} left {100 * node.bound.outside:.3g} %")
-    return ", ".join(parts)
 
 
 def _rows(nodes: Sequence[NodeScore]) -> list[tuple[str, NodeScore]]:
@@ -74,88 +59,89 @@ def _group_columns(score: Score) -> list[str]:
     return own if 0 < len(own) <= GROUP_COLUMNS else ["state"]
 
 
-def _table(header: bool) -> Table:
-    return Table(
-        box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False, show_header=header
-    )
+def estimator_tables(score: Score, width: int) -> Group:
+    """Return the estimators by method: RMSE by state group, NEES and NIS by degree of freedom.
 
-
-def _method_table(score: Score, rows: Sequence[tuple[str, NodeScore]], header: bool, width: int) -> Table:
-    """Return the rows of one method; tables of one score have columns of equal widths."""
+    A remark stands beside its figures, or below them where there is no room.
+    """
     groups = _group_columns(score)
-    table = _table(header)
-    table.add_column("node", min_width=width, no_wrap=True)
-    for name in (*groups, "NEES", "NIS"):
-        table.add_column(name, justify="right", min_width=max(len(name), 5), no_wrap=True)
-    table.add_column("")
-    for rank, node in rows:
-        figures = [_figure(node.groups[group].rmse) for group in groups]
-        remark = _remark(rank, node, score)
-        table.add_row(f"  {node.name}", *figures, _per_dof(node.nees), _per_dof(node.nis), remark)
-    return table
+    shown = [(method, _rows(nodes)) for method, nodes in _by_method(score).items()]
+    rows = {node.name: _estimator_row(node, groups) for _, own in shown for _, node in own}
+    told = {
+        node.name: ", ".join([*([rank] if rank else []), *remarks(node, score)])
+        for _, own in shown
+        for rank, node in own
+    }
+    columns = [Column("node", words=True), *map(Column, groups[:1])]
+    columns += [Column(group, leave_out=index) for index, group in enumerate(groups[1:], start=1)]
+    columns += [Column("NEES", leave_out=len(groups)), Column("NIS", leave_out=len(groups) + 1)]
+    found = fit(columns, [*rows.values(), [" " * 5] * len(columns)], width)
+    room = width - found.width - GAP
+    beside = room >= min(REMARK, max(map(len, told.values()), default=0))
+    parts: list[RenderableType] = [
+        Text("RMSE by state group, ranked by the whole; NEES and NIS: 1 is consistent", style="bold"),
+        found.table(columns, header=True),
+    ]
+    for method, own in shown:
+        parts.append(Text(f"{method} ({len(_by_method(score)[method])})"))
+        for _, node in own:
+            row = found.table(columns, [rows[node.name]], header=False)
+            parts += _with_remark(row, told[node.name], found.width if beside else 0)
+    return Group(*parts, *found.note())
 
 
-def estimator_tables(score: Score) -> Group:
-    """Return the estimators by method: RMSE by state group, NEES and NIS by degree of freedom."""
+def _with_remark(row: Table, remark: str, taken: int) -> list[RenderableType]:
+    """Return a row with its remark beside it, after what is taken, or in lines of its own."""
+    if not remark:
+        return [row]
+    if not taken:
+        return [row, Padding(Text(remark), (0, 0, 0, 4))]
+    line = Table.grid(padding=(0, GAP, 0, 0))
+    line.add_column(width=taken)
+    line.add_column(overflow="fold")
+    line.add_row(row, remark)
+    return [line]
+
+
+def _by_method(score: Score) -> dict[str, list[NodeScore]]:
     methods: dict[str, list[NodeScore]] = {}
     for node in score.nodes:
         methods.setdefault(node.method, []).append(node)
-    width = max([len("node"), *(len(node.name) + 2 for node in score.nodes)])
-    parts: list[RenderableType] = [
-        Text("RMSE by state group, ranked by the whole; NEES and NIS: 1 is consistent", style="bold"),
-        _method_table(score, [], True, width),
-    ]
-    for method, nodes in methods.items():
-        parts.append(Text(f"{method} ({len(nodes)})"))
-        parts.append(_method_table(score, _rows(nodes), False, width))
-    return Group(*parts)
+    return methods
 
 
-def _delay(window: AttackWindow) -> str:
-    if not window.judged:
-        return "no detector"
-    if window.delay is None:
-        return "undecided" if window.censored else "missed"
-    return f"{window.delay} steps"
+def _estimator_row(node: NodeScore, groups: Sequence[str]) -> list[str]:
+    figures = [_figure(node.groups[group].rmse) for group in groups]
+    return [f"  {node.name}", *figures, _per_dof(node.nees), _per_dof(node.nis)]
 
 
-def _release(window: AttackWindow, score: Score) -> str:
-    if not window.judged:
-        return ""
-    if window.release is not None:
-        return f"{window.release} steps"
-    return "-" if window.last >= score.steps - 1 else "never"
-
-
-def attack_table(score: Score) -> Table | None:
+def attack_table(score: Score, width: int) -> Group | None:
     """Return what the detectors made of each attack, or None when no attacked packet was delivered."""
     if not score.windows:
         return None
-    table = _table(header=True)
-    table.add_column("attacked link", no_wrap=True)
-    table.add_column("by", overflow="ellipsis", no_wrap=True)
-    for name in ("steps", "rejected", "false alarms", "alarm after", "trusted after"):
-        table.add_column(name, justify="right")
+    columns = [
+        Column("attacked link", words=True),
+        Column("by", leave_out=2, words=True, folds_to=8),
+        Column("steps", leave_out=1),
+        Column("rejected"),
+        Column("false alarms", leave_out=3),
+        Column("alarm after"),
+        Column("trusted after", leave_out=4),
+    ]
     links = {link.name: link for link in score.links}
-    for window in score.windows[:WINDOW_ROWS]:
-        judged = links[window.link].detector
-        rejected = false = "-"
-        if judged is not None:
-            rejected = f"{window.rejected} of {window.packets}"
-            false = f"{judged.false_positive} of {judged.false_positive + judged.true_negative}"
-        span = f"{window.first}..{window.last}"
-        table.add_row(
+    rows = [
+        [
             window.link,
             window.stage.removesuffix(f"@{window.link}"),
-            span,
-            rejected,
-            false,
-            _delay(window),
-            _release(window, score),
-        )
-    if len(score.windows) > WINDOW_ROWS:
-        table.add_row(f"and {len(score.windows) - WINDOW_ROWS} more")
-    return table
+            f"{window.first}..{window.last}",
+            rejected(window),
+            false_alarms(links[window.link].detector),
+            alarm_after(window),
+            trusted_after(window, score),
+        ]
+        for window in score.windows[:WINDOW_ROWS]
+    ]
+    return fitted(columns, rows, width, len(score.windows) - WINDOW_ROWS)
 
 
 def _steps(value: float) -> str:
@@ -164,27 +150,25 @@ def _steps(value: float) -> str:
     return "never" if math.isinf(value) else f"{value:.0f} steps"
 
 
-def signal_table(score: Score) -> Table | None:
+def signal_table(score: Score, width: int) -> Group | None:
     """Return what the estimators knew of signal attacks, or None when none of them says anything."""
     speaking = [node for node in score.nodes if node.attack is not None]
     if not speaking:
         return None
-    table = _table(header=True)
-    table.add_column("signal attack", no_wrap=True)
-    for name in ("r during", "r else", "false alarms", "missed", "found after", "cleared after", "error"):
-        table.add_column(name, justify="right")
-    for node in speaking[:SIGNAL_ROWS]:
-        found = node.attack
-        assert found is not None
-        table.add_row(
-            node.name,
-            _figure(found.probability_on),
-            _figure(found.probability_off),
-            "-" if found.false_alarms is None else str(found.false_alarms),
-            "-" if found.misses is None else str(found.misses),
-            *(_steps(node_value(score, node, f"attack.{name}_delay")) for name in ("detection", "release")),
-            _figure(found.rmse),
-        )
-    if len(speaking) > SIGNAL_ROWS:
-        table.add_row(f"and {len(speaking) - SIGNAL_ROWS} more")
-    return table
+    names = ("r during", "r else", "false alarms", "missed", "found after", "cleared after", "error")
+    leave_out = (0, 5, 3, 2, 0, 6, 4)
+    columns = [Column("signal attack", words=True), *map(Column, names, leave_out)]
+    rows = [_signal_row(score, node, node.attack) for node in speaking[:SIGNAL_ROWS] if node.attack]
+    return fitted(columns, rows, width, len(speaking) - SIGNAL_ROWS)
+
+
+def _signal_row(score: Score, node: NodeScore, found: AttackScore) -> list[str]:
+    return [
+        node.name,
+        _figure(found.probability_on),
+        _figure(found.probability_off),
+        "-" if found.false_alarms is None else str(found.false_alarms),
+        "-" if found.misses is None else str(found.misses),
+        *(_steps(node_value(score, node, f"attack.{name}_delay")) for name in ("detection", "release")),
+        _figure(found.rmse),
+    ]

@@ -90,6 +90,14 @@ def test_a_payload_holds_equal_arrays_once_and_numbers_in_single_precision() -> 
     assert back[2] == 2.0**60
 
 
+@pytest.mark.parametrize("value", [3.3e60, 1e-50])
+def test_a_number_beyond_single_precision_reaches_the_page_as_it_is(value: float) -> None:
+    trace = {"x": np.arange(3), "y": np.array([1.0, np.nan, value])}
+    packed = json.loads(payload([Figure("f", "F", {(): View([trace])})]))["arrays"][1]
+    back = np.frombuffer(base64.b64decode(packed["bdata"]), dtype=f"<{packed['dtype']}")
+    assert back[2] == value
+
+
 def test_a_band_has_gaps_where_its_edges_do_and_joins_nothing_over_them() -> None:
     low, high = np.array([0.0, 1.0, np.nan, 3.0, 4.0]), np.array([5.0, 6.0, 7.0, np.nan, 9.0])
     drawn = band(np.arange(5), low, high, "b", "$blue")

@@ -10,8 +10,8 @@ from scipy import stats
 from orchestrator.score.catalogue import METRICS
 from orchestrator.score.consistency import chi_square_bounds, consistency, nees
 from orchestrator.score.measure import measure
+from orchestrator.score.remarks import remarks
 from orchestrator.score.scoring import score
-from orchestrator.score.verdict_tables import _remark
 
 
 def test_nees_is_the_error_weighted_by_the_inverse_covariance():
@@ -136,4 +136,4 @@ def test_a_bound_is_left_where_the_nees_exceeds_the_size_of_the_state(make_plan,
     early = [record for record in recorder.records if record[1].step < 2]
     until = score(make_plan(2, {"e1": ["s1"], "e2": ["s1"]}), early, state_groups={})
     assert until.nodes[0].bound.guaranteed is True
-    assert "guaranteed bound left 50 %" in _remark("", until.nodes[0], until)
+    assert "guaranteed bound left 50 %" in remarks(until.nodes[0], until)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import re
+from itertools import takewhile
 
 import pytest
 from rich.console import Console
@@ -153,6 +155,21 @@ def test_the_page_fits_and_is_plain_text_without_a_terminal(make_network, width,
     assert max(map(len, lines)) <= width
     assert "\x1b" not in text
     assert "…" not in text
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_on_a_narrow_terminal_every_figure_of_an_estimator_is_whole(make_network, width):
+    result = scored(make_network(diverging={"e7": 31}))
+    text, wide = page(result, width), page(result, 200)
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= width
+    for name in ("e4", "e12"):
+        row, whole = (re.search(rf"^  {name} .*$", own, re.MULTILINE)[0].split() for own in (text, wide))
+        kept = list(takewhile(re.compile(r"[-+.\de]+").fullmatch, row[1:]))
+        assert len(kept) >= 2
+        assert kept == whole[1 : 1 + len(kept)]
+    assert ("no room for" in text) is (width == 40)
+    assert " ".join(text.split()).count("attacked 6 steps") == wide.count("attacked 6 steps")
 
 
 def test_the_page_shows_attacked_estimators_expectations_and_files(make_network):
