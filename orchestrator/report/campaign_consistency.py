@@ -105,7 +105,7 @@ def consistency_curves(groups: Sequence[Group], notes: list[str]) -> Figure | No
         for what in get_args(ChiSquare):
             traces = _consistency_traces(groups, node, what)
             values = [trace["y"] for trace in traces]
-            axis = log_axis(f"A{what.upper()} by its dof", values) if traces else {}
+            axis = log_axis(f"A{what.upper()} by its dof", values, np.ones(1)) if traces else {}
             views[node, what] = View(traces, {"yaxis": axis})
     if not any(view.traces for view in views.values()):
         return None
