@@ -56,6 +56,8 @@ def lay_grid(overrides: Iterable[str], twins: bool = False) -> list[Variant]:
         if path == "trial":
             raise GridError(f"--set {override}: trials are no variants; give --trials and --first-trial")
         if len(values) == 1:
+            if path in swept:
+                raise GridError(f"--set {override}: this overrides all the values that {path} has before it")
             axes.append([(override, None)])
             continue
         _check(override, path, values, swept)

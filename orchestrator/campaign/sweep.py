@@ -20,7 +20,7 @@ from orchestrator.campaign.directory import (
 )
 from orchestrator.campaign.grid import Variant, lay_grid
 from orchestrator.campaign.results import finished_trials, write_results
-from orchestrator.campaign.variants import LoadedVariant, load_variants
+from orchestrator.campaign.variants import LoadedVariant, load_variants, refuse_alike
 from orchestrator.campaign.workers import LocalWorkers
 from orchestrator.errors import InputError
 from orchestrator.evidence.rows import FAILED
@@ -137,6 +137,7 @@ def prepare(request: Request) -> Campaign:
     loaded = load_variants(request.file, variants, request.seed, request.first_trial)
     if request.twins and all(one.topology.hash == two.topology.hash for one, two in pairwise(loaded)):
         raise InputError(f"--twin: {request.file} has no attacks, so that its twin would be the same")
+    refuse_alike(loaded)
     return Campaign(request, loaded)
 
 

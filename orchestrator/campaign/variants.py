@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from orchestrator.backends.child import external_command
-from orchestrator.campaign.grid import Variant
+from orchestrator.campaign.grid import ATTACKS, NONE, GridError, Variant
 from orchestrator.errors import InputError
 from orchestrator.topology.experiment import topology_from_experiment
 from orchestrator.topology.load import load_topology
@@ -56,6 +56,31 @@ def load_variants(
     for own in loaded:
         _refuse_external(own.topology)
     return loaded
+
+
+def refuse_alike(loaded: Sequence[LoadedVariant]) -> None:
+    """Refuse variants that are one and the same topology under different names.
+
+    Unattacked twins are alike where variants differ in what attacks do.
+
+    Raises
+    ------
+    GridError
+        Two settings come to the same; the text names both.
+    """
+    first: dict[tuple[str, int], Variant] = {}
+    for own in loaded:
+        if own.variant.settings.get(ATTACKS) == NONE:
+            continue
+        other = first.setdefault((own.topology.hash, own.topology.plan.seed), own.variant)
+        if other is own.variant:
+            continue
+        settings = own.variant.settings
+        apart = [f"{path}={value}" for path, value in settings.items() if value != other.settings[path]]
+        raise GridError(
+            f"--set: {own.variant} is the same topology as {other}: another --set overrides "
+            f"{', '.join(apart)}, or both values mean the same; leave one of them out"
+        )
 
 
 def _placed(problem: Problem, having: Sequence[Variant], variants: Sequence[Variant]) -> Problem:

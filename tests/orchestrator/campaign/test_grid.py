@@ -47,6 +47,7 @@ def test_without_several_values_there_is_one_variant() -> None:
         (["a=1,,2"], "a value is empty"),
         (["a=1,2", "a=3,4"], "has several values already"),
         (["a=1,1"], "is there twice"),
+        (["a=1,2", "a=3"], "overrides all the values"),
         ([f"{path}=" + ",".join(map(str, range(30))) for path in "abc"], "27000 variants"),
     ],
 )
