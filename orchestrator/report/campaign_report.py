@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,10 +29,14 @@ from orchestrator.report.campaign_tables import (
 )
 from orchestrator.report.campaign_traffic import disagreement_figure, pareto_figure
 from orchestrator.report.comparison import compared, comparison_blocks, is_best, price_tables
-from orchestrator.report.contents import Block, Page, Section, Text, Tile
+from orchestrator.report.contents import Block, Page, Section, Table, Text, Tile
 from orchestrator.report.grouping import find_groups
-from orchestrator.report.groups import Group, Outcomes, state_names
+from orchestrator.report.groups import Group, Outcomes, judged_by_expectations, state_names
 from orchestrator.report.swept import swept_figure
+from orchestrator.report.swept_pairs import pair_figures
+
+LONG = 16
+"""Most rows of a table that stands open, those of variants and errors aside."""
 
 
 def _detection_blocks(groups: Sequence[Group]) -> list[Block]:
@@ -43,19 +48,30 @@ def _packet_blocks(found: Mapping[str, Detection]) -> list[Block]:
     if not found:
         return [Text("No estimator judged any packet: there is no detector of packets to report on.")]
     figures = [roc_curves(found), survival_figure(found), operating_figure(found)]
-    blocks: list[Block] = [detection_table(found), *(own for own in figures if own)]
+    blocks: list[Block] = [*_folded([detection_table(found)]), *(own for own in figures if own)]
     if figures[0] is None:
         blocks.append(Text("There is no ROC: it needs both attacked and genuine packets with a verdict."))
     return blocks
 
 
+def _folded(blocks: Sequence[Block]) -> list[Block]:
+    """Return blocks whose long tables show their caption only, until they are opened."""
+    return [
+        replace(own, folded=True) if isinstance(own, Table) and len(own.rows) > LONG else own
+        for own in blocks
+    ]
+
+
 def _headline(groups: Sequence[Group], found: Comparison | None) -> str:
     """Return in a sentence what became of the trials, and who erred least if these can be compared."""
-    own = Outcomes.of(groups)
-    told = f"All that was expected held in {own.passed:,} of {own.trials:,} trials"
+    held, own = Outcomes.of(judged_by_expectations(groups)), Outcomes.of(groups)
+    trials = f"{held.trials:,} trials" if held.trials == own.trials else f"{held.trials:,} attacked trials"
+    told = f"All that was expected held in {held.passed:,} of {trials}"
     told += f"; in {own.diverged:,} an estimator diverged" if own.diverged else "; no estimator diverged"
     state = state_names(groups)[0]
-    errors = {group.name: rmse(group.rows, state, group.confidence) for group in groups}
+    errors = {
+        group.name: rmse(group.rows, state, group.confidence) for group in judged_by_expectations(groups)
+    }
     known = {name: own for name, own in errors.items() if np.isfinite(own.value)}
     if len(known) < 2 or found is None:
         return f"{told}."
@@ -66,7 +82,8 @@ def _headline(groups: Sequence[Group], found: Comparison | None) -> str:
 
 
 def _tiles(groups: Sequence[Group]) -> list[Tile]:
-    own = Outcomes.of(groups)
+    own, held = Outcomes.of(groups), Outcomes.of(judged_by_expectations(groups))
+    apart = "" if held.trials == own.trials else f"; {own.trials - held.trials:,} of twins do not count"
     scored = max(own.trials - own.failed, 1)
     variants = len({group.variant for group in groups})
     return [
@@ -74,7 +91,11 @@ def _tiles(groups: Sequence[Group]) -> list[Tile]:
             "Variants", f"{variants}", f"{len(groups)} group{'' if len(groups) == 1 else 's'} of estimators"
         ),
         Tile("Trials", f"{own.trials:,}", _each(groups)),
-        Tile("Passed", f"{100 * own.passed / max(own.trials, 1):.3g} %", f"{own.passed:,} of {own.trials:,}"),
+        Tile(
+            "Passed",
+            f"{100 * held.passed / max(held.trials, 1):.3g} %",
+            f"{held.passed:,} of {held.trials:,}{apart}",
+        ),
         Tile(
             "Diverged",
             f"{100 * own.diverged / scored:.3g} %",
@@ -149,16 +170,16 @@ def _error_blocks(groups: Sequence[Group], by: str | None, notes: list[str]) -> 
     return [
         error_table(groups),
         *([swept] if swept else []),
+        *pair_figures(groups),
         error_curves(groups, notes),
         trial_spread(groups),
-        *price_tables(groups),
-        *bound_blocks(groups),
+        *_folded([*price_tables(groups), *bound_blocks(groups)]),
     ]
 
 
 def _consistency_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
     curves = consistency_curves(groups, notes)
-    blocks: list[Block] = [consistency_table(groups)]
+    blocks: list[Block] = _folded([consistency_table(groups)])
     if any(len(group.nodes) > 1 for group in groups):
         blocks.append(
             Text(
