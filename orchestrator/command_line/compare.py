@@ -50,7 +50,7 @@ def compare(
     from orchestrator.evidence.chosen import choose
     from orchestrator.evidence.comparison import compare as compare_contenders
     from orchestrator.evidence.contenders import find_contenders, usual_metric
-    from orchestrator.evidence.wording import facts
+    from orchestrator.evidence.facts import facts
 
     chosen = list(map(choose, sources))
     asked = list(dict.fromkeys(metrics or [usual_metric(chosen)]))
@@ -78,13 +78,14 @@ def _write(path: Path, content: object) -> None:
 def _print(comparison: Comparison) -> None:
     from rich.table import Table
 
+    from orchestrator.evidence.metrics import label
     from orchestrator.evidence.wording import figure, lines
 
     console = verdict_console()
     table = Table("contender", box=None, header_style="bold", pad_edge=False)
     table.add_column("trials", justify="right")
     for metric in comparison.metrics:
-        table.add_column(f"median {metric}", justify="right")
+        table.add_column(f"median {label(metric)}", justify="right")
     for i, contender in enumerate(comparison.contenders):
         own = [samples[i] for samples in comparison.samples]
         trials = str(max(sample.values.size + sample.undefined for sample in own))

@@ -4,6 +4,9 @@ Every two contenders are compared in every metric, trial by trial where they sha
 p values of one comparison are adjusted together (Holm 1979), so that among equals a false difference turns up
 anywhere with at most the level 1 - confidence. Intervals are those of each difference alone. A contender for
 which a metric has no value takes no part in it.
+
+No median sees a minority of infinite values. Where one is infinite alone, nobody is called equal, nor a
+difference small; and who is infinite more often is not called better for being so otherwise.
 """
 
 from __future__ import annotations
@@ -40,6 +43,7 @@ class Verdict(Enum):
     SECOND = "second is better"
     LOWER = "first is lower"
     HIGHER = "first is higher"
+    MIXED = "mixed"
     IDENTICAL = "identical"
     EQUAL = "equal"
     UNDECIDED = "no difference shown"
@@ -60,13 +64,15 @@ class Compared:
     p_adjusted
         The p value after Holm's correction over all comparisons made together.
     relative
-        The difference over the mean of the two medians (NaN where these are not positive and finite).
+        The difference over the mean of the two medians; NaN where these are not positive and finite, and
+        where it tells nothing: one is infinite alone, or no shift describes how they differ.
     trials_needed
         How many pairs (or trials of each) could come to a verdict at all; None where there are enough.
     verdict
         What follows.
     within_margin
-        Whether the whole interval is within the margin, so that a difference is too small to matter.
+        Whether the whole interval is within the margin, so that a difference is too small to matter. Never
+        where `relative` has no meaning.
     """
 
     metric: str
@@ -107,7 +113,8 @@ def compare(
     confidence
         Of the intervals; its complement is the level of the verdicts.
     margin
-        Relative difference up to which two are called equal, when the whole interval is within it.
+        Relative difference up to which two are called equal, when the whole interval is within it and neither
+        is infinite alone in any pair.
     """
     samples = [[sample(contender.rows, metric) for contender in contenders] for metric in metrics]
     pairs = [
@@ -148,21 +155,22 @@ def _compared(
 ) -> Compared:
     metric, first, second = names
     (p, number), (confidence, margin) = family, settings
+    level = 1.0 - confidence
     with np.errstate(invalid="ignore"):
         scale = 0.5 * (medians[0] + medians[1])
-    scale = scale if np.isfinite(scale) and scale > 0.0 else np.nan
+    is_measured = difference.is_shift and not any(difference.infinite_alone)
+    scale = scale if is_measured and np.isfinite(scale) and scale > 0.0 else np.nan
+    relative, reach = difference.shift.value / scale, scale * margin
+    within = -reach <= difference.shift.low and difference.shift.high <= reach
+    needed, verdict = None, Verdict.UNDEFINED
     if min(difference.sizes):
-        needed = _needed(difference, (1.0 - confidence) / number)
-        is_significant = p <= 1.0 - confidence
-        verdict = _verdict(meaning_of(metric).better, difference, is_significant, scale * margin, needed)
-    else:
-        needed, verdict = None, Verdict.UNDEFINED
-    relative, within = difference.shift.value / scale, _is_within(difference, scale * margin)
+        needed = _needed(difference, level / number)
+        verdict = _verdict(meaning_of(metric).better, difference, p <= level, level / number)
+        if verdict is Verdict.UNDECIDED and needed is not None:
+            verdict = Verdict.TOO_FEW
+        elif verdict is Verdict.UNDECIDED and within:
+            verdict = Verdict.EQUAL
     return Compared(metric, first, second, difference, p, relative, needed, verdict, within)
-
-
-def _is_within(difference: Difference, reach: float) -> bool:
-    return -reach <= difference.shift.low and difference.shift.high <= reach
 
 
 def _needed(difference: Difference, level: float) -> int | None:
@@ -172,21 +180,37 @@ def _needed(difference: Difference, level: float) -> int | None:
     return next(n for n in itertools.count(1) if least_p(difference.paired, n, n) <= level)
 
 
-def _verdict(
-    better: Better, difference: Difference, is_significant: bool, equal_within: float, needed: int | None
-) -> Verdict:
+def _verdict(better: Better, difference: Difference, is_significant: bool, level: float) -> Verdict:
+    """Return who is better, mixed, or that no difference is shown.
+
+    ``level`` is that of the test of the finite values alone.
+    """
     if difference.identical:
         return Verdict.IDENTICAL
+    if better is Better.NEITHER:
+        shown = Verdict.LOWER if difference.statistic < 0.0 else Verdict.HIGHER
+        return shown if is_significant else Verdict.UNDECIDED
+    winner = _favoured(better, difference)
+    less_infinite = _less_infinite(difference)
     if is_significant:
-        is_less = difference.effect < 0.0
-        if better is Better.NEITHER:
-            return Verdict.LOWER if is_less else Verdict.HIGHER
-        return Verdict.FIRST if is_less != (better is Better.MORE) else Verdict.SECOND
-    if needed is not None:
-        return Verdict.TOO_FEW
-    if _is_within(difference, equal_within):
-        return Verdict.EQUAL
-    return Verdict.UNDECIDED
+        return winner if less_infinite in (None, winner) else Verdict.MIXED
+    finite = difference.finite
+    if less_infinite is None or finite is None or finite.p_value > level:
+        return Verdict.UNDECIDED
+    return Verdict.UNDECIDED if _favoured(better, finite) is less_infinite else Verdict.MIXED
+
+
+def _favoured(better: Better, difference: Difference) -> Verdict:
+    """Return whom the ranks favour."""
+    return Verdict.FIRST if (difference.statistic < 0.0) != (better is Better.MORE) else Verdict.SECOND
+
+
+def _less_infinite(difference: Difference) -> Verdict | None:
+    """Return who is infinite alone in the smaller share of trials, None where neither is."""
+    first, second = (alone / n for alone, n in zip(difference.infinite_alone, difference.sizes, strict=True))
+    if first == second:
+        return None
+    return Verdict.FIRST if first < second else Verdict.SECOND
 
 
 def warnings(comparison: Comparison) -> list[str]:

@@ -69,6 +69,11 @@ def meaning_of(metric: str) -> Meaning:
     return _FAMILIES.get(metric) or _FAMILIES.get(family) or Meaning(Better.NEITHER, "mean")
 
 
+def label(metric: str) -> str:
+    """Return what trials are compared by: the metric, or the distance from 1 of one that is best there."""
+    return f"|log {metric}|" if meaning_of(metric).better is Better.ONE else metric
+
+
 def is_measured_by_window(metric: str) -> bool:
     """Return whether a metric stands in the columns of attack windows."""
     return metric == DELAY

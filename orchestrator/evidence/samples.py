@@ -1,7 +1,9 @@
 """One value of a metric for each trial of a contender.
 
 Where a contender has several estimators, those of a trial make one value: root mean square of root mean
-squares, sum of counts, greatest peak, mean of anything else.
+squares, sum of counts, greatest peak, mean of anything else. A ratio that is best at 1 counts by its distance
+from 1 in the logarithm. It is taken of each estimator before the mean, lest one above and one below make a
+good one; the mean and not the largest, which would grow with their number.
 """
 
 from __future__ import annotations
@@ -50,15 +52,16 @@ class Sample:
 
 
 def sample(rows: Rows, metric: str) -> Sample:
-    """Return a metric in each trial of some rows."""
+    """Return a metric in each trial of some rows; of one that is best at 1 the mean of its ``|log|``."""
     better = meaning_of(metric).better
-    values = _by_window(rows) if is_measured_by_window(metric) else by_trial(rows, metric)
-    worst = {Better.LESS: np.inf, Better.MORE: -np.inf}.get(better, np.nan)
-    values = np.where(rows.failed, worst, values)
     if better is Better.ONE:
         with np.errstate(divide="ignore"):
-            values = np.abs(np.log(values))
-        values = np.where(rows.failed, np.inf, values)
+            off = np.abs(np.log(rows.scalar(metric)))
+        values = together(metric, off, rows.trial, rows.trials)
+    else:
+        values = _by_window(rows) if is_measured_by_window(metric) else by_trial(rows, metric)
+    worst = {Better.MORE: -np.inf, Better.NEITHER: np.nan}.get(better, np.inf)
+    values = np.where(rows.failed, worst, values)
     known = ~np.isnan(values)
     keys = [key for key, is_known in zip(rows.keys, known, strict=True) if is_known]
     return Sample(keys, values[known], int(rows.failed.sum()), int(np.sum(~known)))

@@ -8,6 +8,7 @@ import numpy as np
 
 from orchestrator.evidence.comparison import Compared, Comparison, Verdict, compare, remarks, warnings
 from orchestrator.evidence.contenders import Contender
+from orchestrator.evidence.metrics import label
 from orchestrator.evidence.price import find_twins, price
 from orchestrator.evidence.wording import figure, sentence
 from orchestrator.report.contents import Block, Choice, Figure, Mark, Table, Text, Trace, View
@@ -91,7 +92,7 @@ def _verdict(own: Compared) -> Mark:
 def _table(found: Comparison) -> Table:
     rows = [
         (
-            own.metric,
+            label(own.metric),
             own.first,
             own.second,
             _shift(own),
@@ -113,8 +114,10 @@ def _table(found: Comparison) -> Table:
 
 
 def _shift(own: Compared) -> str:
-    """Return a difference with its interval, where there are enough trials for one."""
+    """Return a difference with its interval, where there are enough trials for one; else two means."""
     shift = own.difference.shift
+    if not own.difference.is_shift:
+        return f"means {' and '.join(map(figure, own.difference.means))}"
     if not np.isfinite([shift.low, shift.high]).any():
         return figure(shift.value)
     return f"{figure(shift.value)} [{figure(shift.low)}, {figure(shift.high)}]"
@@ -122,7 +125,9 @@ def _shift(own: Compared) -> str:
 
 def _trials(own: Compared) -> str:
     first, second = own.difference.sizes
-    return f"{first:,} common" if own.difference.paired else f"{first:,}, {second:,} unpaired"
+    told = f"{first:,} common" if own.difference.paired else f"{first:,}, {second:,} unpaired"
+    infinite = own.difference.infinite
+    return f"{told}, infinite {infinite[0]:,} and {infinite[1]:,}" if any(infinite) else told
 
 
 def _difference_figure(found: Comparison) -> Figure:
@@ -131,9 +136,9 @@ def _difference_figure(found: Comparison) -> Figure:
     views: dict[tuple[str, ...], View] = {}
     for metric in found.metrics:
         own = [item for item in found.compared if item.metric == metric]
-        own = [item for item in own if np.isfinite(item.difference.shift.value)]
+        own = [item for item in own if np.isfinite(item.difference.shift.value) and item.difference.is_shift]
         axis = {"tickvals": list(range(len(own))), "ticktext": [_pair(item, numbers) for item in own]}
-        across = {"title": {"text": f"{metric}: first less second"}, "range": _reach(own)}
+        across = {"title": {"text": f"{label(metric)}: first less second"}, "range": _reach(own)}
         views[(metric,)] = View([_difference_trace(own)], {"xaxis": across, "yaxis": axis})
     most = max(len(view.traces[0]["y"]) for view in views.values())
     zero = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": 0, "x1": 0, "layer": "below"}
@@ -151,10 +156,11 @@ def _difference_figure(found: Comparison) -> Figure:
             "shapes": [{**zero, "line": {"color": "$muted", "width": 1.4, "dash": "dot"}}],
             "margin": {"l": 30, "r": 18, "t": 10, "b": 44},
         },
-        choices=(Choice("Metric", [(metric, metric) for metric in found.metrics], found.metrics[0]),),
+        choices=(Choice("Metric", [(metric, label(metric)) for metric in found.metrics], found.metrics[0]),),
         text="The median difference, trial by trial where there are common ones, by the numbers of the table "
-        "of variants. Where the bar does not reach zero (dotted), one is better; the verdicts also count how "
-        "much was compared at once.",
+        "of variants. Where the bar does not reach zero (dotted), the ranks favour one; the verdicts also "
+        "count how much was compared at once, and who is infinite more often, which no bar shows. Left out "
+        "is what no shift describes.",
         height=110 + (34 if _are_named(numbers) else 24) * most,
     )
 

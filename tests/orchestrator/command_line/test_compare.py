@@ -24,6 +24,35 @@ FAILING = """
 """
 
 
+FRAGILE = """
+from nodes.estimators.kalman import Kalman
+
+
+class Fragile(Kalman):
+    def correct(self, step, packets):
+        sent = super().correct(step, packets)
+        if step == 0 and packets and packets[0].values[0] > 1.0:
+            self._state = self._state * float("inf")
+        return sent
+"""
+PAIR = """
+seed: 1
+period_s: 0.1
+steps: 20
+plant:
+  model: linear
+  A: [[0.95]]
+  process_noise: {std: 0.3}
+  initial: {std: 1.0}
+  state_groups: {position: [0]}
+sensors:
+  s1: {model: linear, C: [[1.0]], noise: {std: 0.15}}
+estimators:
+  e1: {method: kalman, sensors: [s1]}
+  e2: {method: "./fragile.py:Fragile", sensors: [s1]}
+"""
+
+
 class Silent:
     """Progress that nobody watches."""
 
@@ -107,6 +136,24 @@ def test_programs_get_every_number(gauntlet: Command, swept: Path, tmp_path: Pat
     assert errors["low"] <= errors["difference"] <= errors["high"] < 0.0
     assert errors["trials"] == [TRIALS, TRIALS]
     assert divergences["verdict"] == "identical"
+
+
+def test_one_that_diverges_in_a_rare_trial_is_not_called_equal(
+    gauntlet: Command, swept: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "fragile.py").write_text(FRAGILE)
+    (tmp_path / "pair.yaml").write_text(PAIR)
+    assert gauntlet("sweep", tmp_path / "pair.yaml", "--trials", 20, "--out", tmp_path / "out").code == 0
+    told = gauntlet("compare", tmp_path / "out", "--by", "node", "--json").json()
+    (own,) = told["comparisons"]
+    diverged = own["infinite"][1]
+    assert own["infinite"][0] == 0 < diverged < 10
+    assert own["verdict"] == "no difference shown"
+    assert own["practical_size"] is None
+    shown = gauntlet("compare", tmp_path / "out", "--by", "node").out
+    first = " ".join(shown.split()).split(": ")[0]
+    assert f"infinite in 0 of 20 trials with e1 and in {diverged} of 20 trials with e2" in first
+    assert "median |log nees.ratio|" in gauntlet("compare", swept, "--metric", "nees.ratio").out
 
 
 def test_estimators_side_by_side_are_compared_by_node_and_by_method(gauntlet: Command, swept: Path) -> None:

@@ -13,7 +13,8 @@ import pytest
 from orchestrator.evidence.columns import select
 from orchestrator.evidence.comparison import compare, warnings
 from orchestrator.evidence.contenders import Contender
-from orchestrator.evidence.wording import facts, lines
+from orchestrator.evidence.facts import facts
+from orchestrator.evidence.wording import lines
 from orchestrator.registry import portable_name
 
 TRIALS = 8

@@ -12,8 +12,9 @@ from scipy import stats
 from orchestrator.evidence.columns import select
 from orchestrator.evidence.comparison import Comparison, Verdict, compare
 from orchestrator.evidence.contenders import Contender
+from orchestrator.evidence.facts import facts
 from orchestrator.evidence.samples import sample
-from orchestrator.evidence.wording import facts, lines, sentence
+from orchestrator.evidence.wording import lines, sentence
 
 
 def table(values: np.ndarray, metric: str, *, first_trial: int = 0, failed: int = 0) -> pa.Table:
@@ -83,6 +84,132 @@ def test_a_divergence_counts_as_the_largest_error() -> None:
     assert found.compared[0].verdict is Verdict.SECOND
     assert found.samples[0][0].infinite == 20
     assert any("infinite in 20 of 30 trials" in line for line in lines(found))
+
+
+def test_one_that_diverges_where_the_other_does_not_is_called_neither_equal_nor_hardly_worse() -> None:
+    """A minority of infinite errors moves no median; the verdict must not rest on one."""
+    rng = np.random.default_rng(5)
+    alike = TRIALS * rng.lognormal(0.0, 0.001, 30)
+    assert verdict(alike, TRIALS) is Verdict.EQUAL
+    alike[7] = np.inf
+    found = compared({"A": TRIALS, "B": alike})
+    (own,) = found.compared
+    assert own.verdict is Verdict.UNDECIDED
+    assert not own.within_margin
+    said = sentence(own, found)
+    assert said.startswith(
+        "No difference between A and B in rmse.position (infinite in 0 of 30 trials with A and in 1 of 30 "
+        "trials with B) is shown: "
+    )
+    assert said.endswith("Nor can they be called equal, since one is infinite where the other is not.")
+
+    often = 1.001 * TRIALS
+    often[:5] = np.inf
+    found = compared({"A": TRIALS, "B": often})
+    (own,) = found.compared
+    assert own.verdict is Verdict.FIRST
+    said = sentence(own, found)
+    assert said.startswith(
+        "A is better than B in rmse.position (infinite in 0 of 30 trials with A and in 5 of 30 trials with B)"
+        ": median difference"
+    )
+    for wrong in ("no more than", "negligible", "of their mean"):
+        assert wrong not in said
+    assert "Where both are finite: median difference -0.00" in said
+    assert "A lower in 25 and higher in 0 of 25 common trials" in said
+
+
+def test_programs_are_told_who_is_infinite_alone_and_no_practical_size() -> None:
+    often = 1.001 * TRIALS
+    often[:5] = np.inf
+    neither = TRIALS.copy()
+    neither[:2] = np.inf
+    (told,) = facts(compared({"A": neither, "B": often}))["comparisons"]
+    assert told["infinite"] == [2, 5]
+    assert told["infinite_alone"] == [0, 3]
+    assert told["within_margin"] is False
+    assert told["relative"] is told["practical_size"] is None
+    assert told["finite"]["lower_equal_higher"] == [25, 0, 0]
+
+
+def test_two_that_diverge_in_the_same_trials_can_be_equal() -> None:
+    a, b = TRIALS.copy(), TRIALS * np.random.default_rng(6).lognormal(0.0, 0.001, 30)
+    a[:3] = b[:3] = np.inf
+    found = compared({"A": a, "B": b})
+    assert found.compared[0].verdict is Verdict.EQUAL
+    assert "(infinite in 3 of 30 trials with A and in 3 of 30 trials with B)" in lines(found)[0]
+
+
+def test_nobody_is_called_better_for_being_lower_who_diverges_more_often() -> None:
+    risky = 0.8 * TRIALS
+    risky[:2] = np.inf
+    for first, second in ((risky, TRIALS), (TRIALS, risky)):
+        found = compared({"A": first, "B": second})
+        (own,) = found.compared
+        assert own.p_adjusted < 0.01  # the ranks alone would have called the risky one better
+        assert own.verdict is Verdict.MIXED
+    assert lines(found)[0].startswith(
+        "Neither A nor B is called better in rmse.position (infinite in 0 of 30 trials with A and in 2 of 30 "
+        "trials with B), since A is infinite less often, but B is better otherwise: "
+    )
+    assert facts(found)["comparisons"][0]["verdict"] == "mixed"
+
+
+def test_divergences_that_outweigh_in_the_ranks_what_is_better_otherwise_leave_it_mixed() -> None:
+    """Neither cancels the other into no difference; where divergences prevail they decide."""
+    risky = 0.8 * TRIALS
+    risky[:9] = np.inf
+    found = compared({"A": risky, "B": TRIALS})
+    assert found.compared[0].p_adjusted > 0.05
+    assert found.compared[0].verdict is Verdict.MIXED
+    risky[:24] = np.inf
+    found = compared({"A": risky, "B": TRIALS})
+    assert found.compared[0].verdict is Verdict.SECOND
+    assert "Where both are finite: median difference -0.1" in lines(found)[0]
+    assert "A lower in 6 and higher in 0 of 6 common trials" in lines(found)[0]
+
+
+def test_more_is_better_is_not_turned_around_by_failed_trials() -> None:
+    recall = np.random.default_rng(7).uniform(0.5, 0.9, 30)
+    rows = [select(table(recall + more, "detector.recall", failed=f)) for more, f in ((0.1, 3), (0.0, 0))]
+    found = compare([Contender(n, n, own) for n, own in zip("AB", rows, strict=True)], ["detector.recall"])
+    assert found.compared[0].verdict is Verdict.MIXED
+    assert "since B is infinite less often, but A is better otherwise" in lines(found)[0]
+
+
+def test_unpaired_samples_with_infinite_values_are_not_equal_either() -> None:
+    rng = np.random.default_rng(8)
+    one, other = rng.lognormal(0.0, 0.001, (2, 400))
+    other[:8] = np.inf
+    rows = [select(table(own, "rmse.state", first_trial=at)) for own, at in ((one, 0), (other, 900))]
+    found = compare([Contender(n, n, own) for n, own in zip("AB", rows, strict=True)], ["rmse.state"])
+    assert found.compared[0].verdict is Verdict.UNDECIDED
+    assert "(infinite in 0 of 400 trials with A and in 8 of 400 trials with B)" in lines(found)[0]
+    assert "Of the finite values: median difference" in lines(found)[0]
+
+
+def test_rare_events_are_told_by_means_and_shares_and_not_by_a_median_of_0() -> None:
+    none, some = np.zeros(100), np.zeros(100)
+    some[:14] = 1.0
+    found = compared({"A": none, "B": some}, "divergences")
+    said = lines(found)[0]
+    assert said.startswith(
+        "A is better than B in divergences: mean 0 and 0.14; they differ in 14 of 100 trials, of which A is "
+        "lower in 100% (95% interval 77% to 100%), p = 0.00012"
+    )
+    assert "median difference" not in said
+    (told,) = facts(found)["comparisons"]
+    assert told["is_shift"] is False
+    assert told["means"] == [0.0, 0.14]
+    assert told["lower_share"] == [1.0, pytest.approx(0.768, abs=1e-3), 1.0]
+    some[4:] = 0.0
+    assert compared({"A": none, "B": some}, "divergences").compared[0].verdict is Verdict.UNDECIDED
+
+
+def test_an_end_at_0_that_is_itself_rejected_is_said_to_be_so() -> None:
+    differences = np.repeat([-1.0, 0.0, 1.0, 2.0], [4, 5, 5, 7])
+    found = compared({"A": 5.0 + differences, "B": np.full(21, 5.0)})
+    assert "(95% interval 0 to 1.5 without 0 itself, +9.1% of their mean), p = 0.018" in lines(found)[0]
 
 
 def test_failed_trials_count_and_are_told() -> None:
@@ -182,7 +309,8 @@ def test_programs_get_the_same_as_people() -> None:
             "relative",
         ),
         *("practical_size", "test", "p", "p_adjusted", "effect_name", "effect", "trials_needed", "sentence"),
-        "lower_equal_higher",
+        *("of", "within_margin", "infinite", "infinite_alone", "finite", "is_shift", "means"),
+        *("lower_equal_higher", "lower_share"),
     }
 
 
@@ -194,6 +322,26 @@ def test_several_estimators_of_a_trial_make_one_value() -> None:
     assert pooled.values.tolist() == [pytest.approx(np.sqrt(12.5)), np.inf]
     counted = rows.rename_columns([*rows.column_names[:-1], "packets.sent"])
     assert sample(select(counted), "packets.sent").values.tolist() == [7.0, np.inf]
+
+
+def two_estimators(first: np.ndarray, second: np.ndarray, metric: str) -> pa.Table:
+    """Return rows of two estimators whose trials have these values."""
+    return pa.concat_tables([table(first, metric), table(second, metric)])
+
+
+def test_one_too_sure_and_one_too_humble_do_not_make_a_consistent_pair() -> None:
+    """Ratios of 0.05 and 1.95 have the mean 1; each is far from it."""
+    noise = np.random.default_rng(9).lognormal(0.0, 0.05, (4, 30))
+    lying = select(two_estimators(0.05 * noise[0], 1.95 * noise[1], "nees.ratio"))
+    honest = select(two_estimators(noise[2], noise[3], "nees.ratio"))
+    expected = 0.5 * (np.abs(np.log(0.05 * noise[0])) + np.abs(np.log(1.95 * noise[1])))
+    assert sample(lying, "nees.ratio").values == pytest.approx(expected)
+    found = compare([Contender("A", "A", lying), Contender("B", "B", honest)], ["nees.ratio"])
+    assert found.compared[0].verdict is Verdict.SECOND
+    said = lines(found)[0]
+    assert "median difference 1.78 in |log ratio|" in said
+    assert "A nearer to 1 in 0 and farther from 1 in 30 of 30 common trials" in said
+    assert {own["of"] for own in facts(found)["samples"]} == {"|log nees.ratio|"}
 
 
 def test_equal_contenders_are_called_better_in_no_more_than_5_percent_of_comparisons() -> None:
