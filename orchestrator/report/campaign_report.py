@@ -6,13 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from orchestrator.evidence.chosen import Chosen, shown, told_apart
 from orchestrator.evidence.comparability import different_ground
-from orchestrator.evidence.comparison import Comparison
 from orchestrator.evidence.detectors import Detection
-from orchestrator.evidence.figures import rmse
+from orchestrator.report.best import Best, find_best
 from orchestrator.report.campaign_calibration import calibration_blocks
 from orchestrator.report.campaign_consistency import consistency_curves
 from orchestrator.report.campaign_detection import detections, operating_figure, roc_curves, survival_figure
@@ -23,15 +20,14 @@ from orchestrator.report.campaign_tables import (
     detection_table,
     error_table,
     failure_table,
-    interval,
     origin_table,
     variant_table,
 )
 from orchestrator.report.campaign_traffic import disagreement_figure, pareto_figure
-from orchestrator.report.comparison import compared, comparison_blocks, is_best, price_tables
+from orchestrator.report.comparison import compared, comparison_blocks, price_tables
 from orchestrator.report.contents import Block, Page, Section, Table, Text, Tile
 from orchestrator.report.grouping import find_groups
-from orchestrator.report.groups import Group, Outcomes, judged_by_expectations, state_names
+from orchestrator.report.groups import Group, Outcomes, judged_by_expectations
 from orchestrator.report.swept import swept_figure
 from orchestrator.report.swept_pairs import pair_figures
 
@@ -70,23 +66,13 @@ def _folded(blocks: Sequence[Block]) -> list[Block]:
     ]
 
 
-def _headline(groups: Sequence[Group], found: Comparison | None) -> str:
+def _headline(groups: Sequence[Group], best: Best | None) -> str:
     """Return in a sentence what became of the trials, and who erred least if these can be compared."""
     held, own = Outcomes.of(judged_by_expectations(groups)), Outcomes.of(groups)
     trials = f"{held.trials:,} trials" if held.trials == own.trials else f"{held.trials:,} attacked trials"
     told = f"All that was expected held in {held.passed:,} of {trials}"
     told += f"; in {own.diverged:,} an estimator diverged" if own.diverged else "; no estimator diverged"
-    state = state_names(groups)[0]
-    errors = {
-        group.name: rmse(group.rows, state, group.confidence) for group in judged_by_expectations(groups)
-    }
-    known = {name: own for name, own in errors.items() if np.isfinite(own.value)}
-    if len(known) < 2 or found is None:
-        return f"{told}."
-    best = min(known, key=lambda name: known[name].value)
-    where = "the state" if state == "state" else state
-    how = "shown to be better than every other" if is_best(best, known, found) else "not shown to be the best"
-    return f"{told}. The smallest RMSE of {where} is that of {best}: {interval(known[best])}; it is {how}."
+    return f"{told}. {best.headline}" if best else f"{told}."
 
 
 def _tiles(groups: Sequence[Group]) -> list[Tile]:
@@ -128,16 +114,19 @@ def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
         Section("communication-section", "Communication", _communication_blocks(groups)),
         Section("origin-section", "Provenance", _origin_tables(chosen)),
     ]
-    found = compared(groups, notes)
+    best = find_best(groups)
+    found = compared(groups, best.group if best else None, notes)
     if found is not None:
-        sections.insert(1, Section("comparison-section", "Comparison", comparison_blocks(found)))
+        told = [Text(best.evidence)] if best and not warnings else []
+        blocks = [*told, *comparison_blocks(found, groups)]
+        sections.insert(1, Section("comparison-section", "Comparison", blocks))
     word = "INCOMPLETE" if cut_off else "PARTLY FAILED" if Outcomes.of(groups).failed else "DONE"
     return Page(
         title=" and ".join(dict.fromkeys(own.name for own in chosen)),
         kind="Campaign report" if len(chosen) == 1 else "Comparison",
         word=word,
         tone="warn" if word != "DONE" or warnings else "plain",
-        headline=_headline(groups, None if warnings else found),
+        headline=_headline(groups, None if warnings else best),
         facts=_facts(groups, chosen),
         tiles=_tiles(groups),
         sections=sections,
