@@ -1,8 +1,8 @@
-"""What a campaign came to, in a few figures: medians over trials, each with an interval."""
+"""What a campaign came to, in a few figures, each with its interval over trials."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,45 +10,29 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from orchestrator.campaign.figures import RATES, Figure, over_trials, rates_of_packets
 from orchestrator.evidence.bootstrap import CONFIDENCE
 from orchestrator.evidence.columns import in_usual_order
 from orchestrator.evidence.rows import SCORED
-from orchestrator.evidence.samples import together
 from orchestrator.evidence.sources import RESULTS
 from orchestrator.evidence.table import settings_by_variant, swept
+from orchestrator.score.gather import Floats, Ints
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
+Counts = Mapping[bool, tuple[Floats, Floats]]
+"""Of attacked packets (True) and genuine ones how many each row of results has (R,), and rejected."""
+
+_KEYS = ("variant", "trial", "status", "message", "passed")
+_ROWS_AT_ONCE = 1024
 _NODES_SHOWN = 6
 _GROUPS_SHOWN = 3
 _FIGURES = (
     *("nees.ratio", "disagreement", "divergences", "detector.recall", "detector.false_alarm_rate"),
     "packets.lost_share",
 )
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A median over ``samples`` trials, and the bounds of its confidence interval.
-
-    The interval needs no distribution: its ends are order statistics (binomial quantiles). It is None where
-    there are too few trials for `CONFIDENCE`.
-    """
-
-    median: float
-    low: float | None
-    high: float | None
-    samples: int
-
-    def facts(self) -> dict[str, float | int | str | None]:
-        """Return the figure for JSON, which has no infinity."""
-        values = {"median": self.median, "low": self.low, "high": self.high}
-        shown = {
-            name: "unbounded" if value is not None and np.isinf(value) else value
-            for name, value in values.items()
-        }
-        return {**shown, "trials": self.samples}
 
 
 @dataclass(frozen=True)
@@ -74,11 +58,16 @@ class VariantTally:
 
 @dataclass(frozen=True)
 class Summary:
-    """A whole campaign in figures; ``metrics`` are those that have a value somewhere, in their order."""
+    """A whole campaign in figures.
+
+    ``metrics`` are those that have a value somewhere, in their order; ``confidence`` is that of the intervals
+    of each variant.
+    """
 
     metrics: tuple[str, ...]
     tallies: tuple[VariantTally, ...]
     lines: tuple[Line, ...]
+    confidence: Mapping[int, float]
 
     @property
     def failed(self) -> int:
@@ -98,6 +87,7 @@ class Summary:
                     "failed": tally.failed,
                     "passed": tally.passed,
                     "messages": tally.messages,
+                    "confidence": self.confidence[tally.variant],
                     "estimators": {
                         line.who: {name: figure.facts() for name, figure in line.figures.items()}
                         for line in self.lines
@@ -109,28 +99,11 @@ class Summary:
         }
 
 
-def median_interval(values: NDArray[np.float64], confidence: float = CONFIDENCE) -> Figure:
-    """Return the median of independent values (T,), T > 0, with its distribution-free interval.
+def summarise(directory: Path, confidence: Sequence[float] = ()) -> Summary:
+    """Return the figures of a finished campaign.
 
-    The interval lies between the order statistics ``k`` and ``T + 1 - k`` with the largest ``k`` whose
-    coverage, that of a binomial of ``T`` fair draws, is at least ``confidence``.
+    ``confidence`` is that of the intervals of each variant, by default 95 % for all.
     """
-    from scipy.special import bdtr  # late: the import takes longer than the rest
-
-    ordered = np.sort(values)
-    size = ordered.size
-    below = np.arange(size // 2)
-    allowed = np.flatnonzero(2.0 * bdtr(below, size, 0.5) <= 1.0 - confidence)
-    with np.errstate(invalid="ignore"):
-        median = float(np.median(ordered))
-    if not allowed.size:
-        return Figure(median, None, None, size)
-    k = int(allowed[-1])
-    return Figure(median, float(ordered[k]), float(ordered[size - 1 - k]), size)
-
-
-def summarise(directory: Path) -> Summary:
-    """Return the figures of a finished campaign."""
     import pyarrow.parquet as pq
 
     file = pq.ParquetFile(directory / RESULTS)
@@ -139,11 +112,36 @@ def summarise(directory: Path) -> Summary:
     own = in_usual_order(group for group in groups if group != "state")
     shown = own if 0 < len(own) <= _GROUPS_SHOWN else ["state"]
     wanted = [*(f"rmse.{group}" for group in shown), *_FIGURES]
-    keys = ["variant", "trial", "node", "method", "privileged", "status", "message", "passed"]
-    held = file.read([*keys, *wanted, *swept(names)])
-    lines = tuple(_lines(held, wanted))
+    held = file.read([*_KEYS, "node", "method", "privileged", *wanted, *swept(names)])
+    tallies = tuple(_tallies(held))
+    levels = {own.variant: confidence[own.variant] if confidence else CONFIDENCE for own in tallies}
+    lines = tuple(_lines(held, _packets(file), wanted, levels))
     metrics = tuple(name for name in wanted if any(name in line.figures for line in lines))
-    return Summary(metrics, tuple(_tallies(held)), lines)
+    return Summary(metrics, tallies, lines, levels)
+
+
+def tally(directory: Path) -> tuple[VariantTally, ...]:
+    """Return what became of the trials of a finished campaign, by variant; figures are not read."""
+    import pyarrow.parquet as pq
+
+    file = pq.ParquetFile(directory / RESULTS)
+    return tuple(_tallies(file.read([*_KEYS, *swept(file.schema_arrow.names)])))
+
+
+def _packets(file: pq.ParquetFile) -> Counts:
+    """Return how many packets each row has, and how many of them were rejected, attacked ones or not."""
+    parts = []
+    for batch in file.iter_batches(_ROWS_AT_ONCE, columns=["packet.attacked", "packet.alarm"]):
+        lengths = batch.column("packet.attacked").value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
+        row = np.repeat(np.arange(batch.num_rows), lengths)
+        attacked, alarm = (
+            batch.column(name).flatten().to_numpy(zero_copy_only=False).astype(bool)
+            for name in ("packet.attacked", "packet.alarm")
+        )
+        counted = (attacked, attacked & alarm, ~attacked, ~attacked & alarm)
+        parts.append([np.bincount(row[which], minlength=batch.num_rows) for which in counted])
+    own = np.concatenate(parts, axis=1).astype(np.float64) if parts else np.zeros((4, 0))
+    return {True: (own[0], own[1]), False: (own[2], own[3])}
 
 
 def _tallies(held: pa.Table) -> Iterator[VariantTally]:
@@ -165,24 +163,43 @@ def _tallies(held: pa.Table) -> Iterator[VariantTally]:
         )
 
 
-def _lines(held: pa.Table, metrics: Sequence[str]) -> Iterator[Line]:
-    import pyarrow.compute as pc
-
-    held = held.filter(pc.equal(held["status"], SCORED))
+def _lines(
+    held: pa.Table, packets: Counts, metrics: Sequence[str], confidence: Mapping[int, float]
+) -> Iterator[Line]:
+    scored = np.array(held["status"].to_pylist()) == SCORED
     variants, trials = (held[name].to_numpy() for name in ("variant", "trial"))
-    who = _who(held)
-    values = {name: held[name].to_numpy(zero_copy_only=False) for name in metrics}
-    for variant in np.unique(variants):
-        here = variants == variant
-        for name in dict.fromkeys(who[here].tolist()):
-            mine = here & (who == name)
-            places = np.unique(trials[mine], return_inverse=True)[1]
+    who = _who(held.filter(scored))
+    values = {name: held[name].to_numpy(zero_copy_only=False) for name in metrics if name not in RATES}
+    for variant in np.unique(variants[scored]).tolist():
+        here = np.flatnonzero(scored & (variants == variant))
+        names, line = np.unique(who[(variants == variant)[scored]], return_inverse=True)
+        places = np.unique(trials[here], return_inverse=True)[1]
+        rates = _rates(packets, here, line, places, confidence[variant])
+        for number in dict.fromkeys(line.tolist()):
+            mine = line == number
             found = {
-                metric: together(metric, values[metric][mine], places, places.max() + 1) for metric in metrics
-            }
-            known = {metric: own[~np.isnan(own)] for metric, own in found.items()}
-            figures = {metric: median_interval(own) for metric, own in known.items() if own.size}
-            yield Line(int(variant), name, figures)
+                name: over_trials(name, own[here[mine]], places[mine], places.max() + 1, confidence[variant])
+                for name, own in values.items()
+            } | {name: own[number] for name, own in rates.items()}
+            figures = {name: found[name] for name in metrics}
+            known = {name: figure for name, figure in figures.items() if figure is not None}
+            yield Line(variant, str(names[number]), known)
+
+
+def _rates(
+    packets: Counts, here: Ints, line: Ints, places: Ints, confidence: float
+) -> dict[str, list[Figure | None]]:
+    """Return the rates of packets of each line of a variant, whose rows are ``here``, all at once."""
+
+    def by_trial(counts: Floats) -> Floats:
+        total = np.zeros((places.max() + 1, line.max() + 1))
+        np.add.at(total, (places, line), counts[here])
+        return total
+
+    return {
+        name: rates_of_packets(by_trial(rejected), by_trial(count), confidence)
+        for name, (count, rejected) in ((name, packets[attacked]) for name, attacked in RATES.items())
+    }
 
 
 def _who(held: pa.Table) -> NDArray[np.str_]:

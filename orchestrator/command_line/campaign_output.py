@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -14,16 +15,17 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress, TaskID
 
-    from orchestrator.campaign.summary import Figure, Summary
+    from orchestrator.campaign.figures import Figure
+    from orchestrator.campaign.summary import Summary
 
 _PLAIN_EVERY_S = 30.0
 _PLAIN_WIDTH = 160
 _MESSAGES_SHOWN = 3
 _SHORT = {
-    "nees.ratio": "NEES",
-    "divergences": "diverged",
-    "detector.recall": "recall",
-    "detector.false_alarm_rate": "false alarms",
+    "nees.ratio": "median NEES",
+    "divergences": "trials diverged",
+    "detector.recall": "attacked rejected",
+    "detector.false_alarm_rate": "genuine rejected",
 }
 """Figures that the table shows beside the errors, and what it calls them."""
 
@@ -104,13 +106,17 @@ def sweep_progress(*, quiet: bool) -> Iterator[QuietProgress]:
 
 
 def _shown(figure: Figure | None) -> str:
-    return "-" if figure is None else f"{figure.median:.3g}"
+    if figure is None:
+        return "-"
+    if figure.kind == "trials":
+        return f"{figure.events} of {figure.chances}"
+    return f"{100.0 * figure.value.value:.3g} %" if figure.kind == "rate" else f"{figure.value.value:.3g}"
 
 
 def _with_interval(figure: Figure | None) -> str:
-    if figure is None or figure.low is None or figure.high is None:
+    if figure is None or math.isnan(figure.value.low):
         return _shown(figure)
-    return f"{figure.median:.3g} [{figure.low:.3g}, {figure.high:.3g}]"
+    return f"{_shown(figure)} [{figure.value.low:.3g}, {figure.value.high:.3g}]"
 
 
 def sweep_console() -> Console:
@@ -130,10 +136,14 @@ def print_summary(summary: Summary, console: Console) -> None:
     errors = [name for name in summary.metrics if name.startswith("rmse.")]
     others = [name for name in summary.metrics if name in _SHORT]
     rows = _rows(summary, errors, others, _with_interval)
-    title = "RMSE by state group: medians over trials with 95 % intervals; other figures: medians"
+    levels = set(summary.confidence.values())
+    level = f"{100.0 * levels.pop():g} % " if len(levels) == 1 else ""
+    rates = any(name.startswith("detector.") for name in others)
+    packets = "; rejected: share of the packets of all trials" if rates else ""
+    title = f"RMSE by state group: medians over trials with {level}intervals{packets}"
     if sum(_widths(rows)) + 2 * len(rows[0]) > console.width:
         rows = _rows(summary, errors, others, _shown)
-        title = "RMSE by state group, and other figures: medians over trials"
+        title = f"RMSE by state group: medians over trials{packets}"
     widths = _widths(rows)
     console.print(Text(title, style="bold"))
     for row in rows:

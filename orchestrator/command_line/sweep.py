@@ -103,7 +103,8 @@ def carry_out(campaign: Campaign, *, json: bool) -> Done:
         raise
     except RunFailedError as error:
         fail(str(error), exit_codes.RUN_FAILED)
-    done = Done(directory, summarise(directory))
+    confidence = [own.topology.score_options.confidence for own in campaign.variants]
+    done = Done(directory, summarise(directory, confidence))
     if not json:
         print_summary(done.summary, sweep_console())
         typer.echo(f"results: {directory / 'results.parquet'}")

@@ -61,7 +61,7 @@ def bootstrap(
         unknown = np.full(value.shape, np.nan)
         return Band(value, unknown, unknown.copy())
     drawn = resampled(statistic, trials, resamples=resamples, seed=seed)
-    left_out = _ask(statistic, 1.0 - np.eye(trials))
+    left_out = _without_each(statistic, trials)
     low, high = (
         _quantiles(drawn, _adjusted(value, drawn, left_out, share))
         for share in ((1.0 - confidence) / 2.0, (1.0 + confidence) / 2.0)
@@ -72,12 +72,19 @@ def bootstrap(
 def resampled(statistic: Statistic, trials: int, *, resamples: int = RESAMPLES, seed: int = 0) -> Floats:
     """Return a statistic (resamples, K) of as many trials, drawn from those there are with replacement."""
     rng = random_stream(seed, 0, "evidence", "bootstrap")
-    counts = rng.multinomial(trials, np.full(trials, 1.0 / trials), resamples)
-    return _ask(statistic, counts.astype(np.float64))
+    even = np.full(trials, 1.0 / trials)
+    sizes = (min(_ROWS, resamples - begin) for begin in range(0, resamples, _ROWS))
+    drawn = (rng.multinomial(trials, even, size).astype(np.float64) for size in sizes)
+    return np.concatenate([statistic(counts) for counts in drawn])
 
 
-def _ask(statistic: Statistic, weights: Floats) -> Floats:
-    parts = [statistic(weights[begin : begin + _ROWS]) for begin in range(0, len(weights), _ROWS)]
+def _without_each(statistic: Statistic, trials: int) -> Floats:
+    """Return a statistic (trials, K) of all trials but one, for each that is left out."""
+    parts = []
+    for begin in range(0, trials, _ROWS):
+        weights = np.ones((min(_ROWS, trials - begin), trials))
+        np.fill_diagonal(weights[:, begin:], 0.0)
+        parts.append(statistic(weights))
     return np.concatenate(parts)
 
 

@@ -23,9 +23,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from orchestrator.evidence.bootstrap import CONFIDENCE, Band, bootstrap, pooled, resampled
+from orchestrator.evidence.bootstrap import CONFIDENCE, Band, pooled, resampled
 from orchestrator.evidence.columns import Rows
 from orchestrator.evidence.intervals import Interval
+from orchestrator.evidence.rates import pooled_rate
 from orchestrator.score.gather import Bools, Floats, Ints
 
 BINS = 20
@@ -105,7 +106,7 @@ def calibration(
     return Calibration(
         count=held.astype(np.int64),
         probability=probability,
-        frequency=bootstrap(pooled(true, count), own.size, confidence=confidence),
+        frequency=pooled_rate(true, count, confidence),
         error=error,
         by_chance=by_chance,
         trials=own.size,

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from orchestrator.evidence.bootstrap import CONFIDENCE, bootstrap, pooled
+from orchestrator.evidence.bootstrap import CONFIDENCE
 from orchestrator.evidence.columns import Rows
 from orchestrator.evidence.intervals import Interval, only
-from orchestrator.evidence.operating import Judged, Point, Windows, operating_curve
+from orchestrator.evidence.operating import POINTS, Judged, Point, Windows, operating_curve
+from orchestrator.evidence.rates import pooled_rate
 from orchestrator.evidence.roc import Roc, roc
 from orchestrator.evidence.survival import Survival, kaplan_meier
 
@@ -18,13 +19,14 @@ from orchestrator.evidence.survival import Survival, kaplan_meier
 class Detection:
     """Detectors over all trials. Rates and delays are those of the threshold that was run.
 
-    ``between_false_alarms`` counts judged genuine packets of a link; infinite without a false alarm.
+    ``between_false_alarms`` is the mean number of genuine packets of judged links by false alarm: infinite
+    without any, and then its interval still tells how few there may be.
     ``curve`` sweeps the threshold over the recorded statistics: see `orchestrator.evidence.operating`.
     """
 
     recall: Interval
     false_alarm_rate: Interval
-    between_false_alarms: float
+    between_false_alarms: Interval
     delay: Survival
     roc: Roc
     curve: list[Point]
@@ -73,7 +75,7 @@ def delays(rows: Rows, confidence: float = CONFIDENCE) -> Survival:
     return kaplan_meier(watched, found, windows.trial, confidence=confidence)
 
 
-def detection(rows: Rows, points: int = 30, confidence: float = CONFIDENCE) -> Detection:
+def detection(rows: Rows, points: int = POINTS, confidence: float = CONFIDENCE) -> Detection:
     """Return all that is known of the detectors of some rows."""
     judged = judged_packets(rows)
     windows, _ = attack_windows(rows)
@@ -86,15 +88,20 @@ def detection(rows: Rows, points: int = 30, confidence: float = CONFIDENCE) -> D
             np.bincount(trial, part, rows.trials).astype(np.float64)[:, None]
             for part in (alarm * among, among)
         )
-        return only(bootstrap(pooled(alarms, packets), rows.trials, confidence=confidence))
+        return only(pooled_rate(alarms, packets, confidence))
 
     recall, false_alarms = rate(attacked), rate(~attacked)
-    between = 1.0 / false_alarms.value if false_alarms.value > 0.0 else np.inf
     return Detection(
         recall,
         false_alarms,
-        between if not np.isnan(false_alarms.value) else np.nan,
+        _between(false_alarms),
         delays(rows, confidence),
         roc(judged.statistic, judged.attacked, judged.trial, confidence),
-        operating_curve(judged, windows, points),
+        operating_curve(judged, windows, points, confidence),
     )
+
+
+def _between(rate: Interval) -> Interval:
+    """Return how many chances there are by event, given the rate of events; infinite for none."""
+    value, high, low = (1.0 / part if part else np.inf for part in (rate.value, rate.low, rate.high))
+    return Interval(value, low, high)

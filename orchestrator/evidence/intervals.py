@@ -63,3 +63,24 @@ def mean_of_trials(values: Floats, confidence: float = CONFIDENCE) -> Interval:
         spread = kept.std(ddof=1)
     reach = float(stdtrit(kept.size - 1, (1.0 + confidence) / 2.0) * spread / math.sqrt(kept.size))
     return Interval(mean, mean - reach, mean + reach)
+
+
+def median_of_trials(values: Floats, confidence: float = CONFIDENCE) -> Interval:
+    """Return the median of independent values (N,), N > 0, and its distribution-free interval.
+
+    The interval lies between the order statistics ``k`` and ``N + 1 - k`` with the largest ``k`` whose
+    coverage, that of a binomial of ``N`` fair draws, is at least ``confidence``; it is NaN where there are
+    too few values for any. Values may be infinite.
+    """
+    from scipy.special import bdtr  # late: the import takes longer than the rest
+
+    ordered = np.sort(values)
+    size = ordered.size
+    below = np.arange(size // 2)
+    allowed = np.flatnonzero(2.0 * bdtr(below, size, 0.5) <= 1.0 - confidence)
+    with np.errstate(invalid="ignore"):
+        median = float(np.median(ordered))
+    if not allowed.size:
+        return Interval(median, math.nan, math.nan)
+    k = int(allowed[-1])
+    return Interval(median, float(ordered[k]), float(ordered[size - 1 - k]))

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from orchestrator.evidence.bootstrap import CONFIDENCE
 from orchestrator.evidence.survival import Survival, kaplan_meier
 from orchestrator.score.gather import Bools, Floats, Ints
 
@@ -68,12 +69,8 @@ def _running_peaks(judged: Judged, windows: Windows) -> list[tuple[Ints, Floats]
     return peaks
 
 
-def delays_at(judged: Judged, windows: Windows, threshold: float) -> tuple[Ints, Bools]:
-    """Return the delay (W,) of each window at a threshold, and whether it was found: else it is censored."""
-    return _delays(_running_peaks(judged, windows), windows, threshold)
-
-
 def _delays(peaks: list[tuple[Ints, Floats]], windows: Windows, threshold: float) -> tuple[Ints, Bools]:
+    """Return the delay (W,) of each window at a threshold, and whether it was found: else it is censored."""
     delay, found = windows.end - windows.first, np.zeros(windows.first.size, dtype=bool)
     for i, (steps, peak) in enumerate(peaks):
         at = int(np.searchsorted(peak, threshold, side="left"))
@@ -94,7 +91,11 @@ def between_false_alarms(judged: Judged, threshold: float) -> float:
 
 
 def operating_curve(
-    judged: Judged, windows: Windows, points: int = POINTS, resamples: int = 500
+    judged: Judged,
+    windows: Windows,
+    points: int = POINTS,
+    confidence: float = CONFIDENCE,
+    resamples: int = 500,
 ) -> list[Point]:
     """Return delay against time between false alarms, from lenient thresholds to strict ones.
 
@@ -107,11 +108,12 @@ def operating_curve(
     beyond = np.nextafter(genuine[-1], np.inf)
     thresholds = np.unique(np.append(genuine[genuine.size - ranks], beyond))
     peaks = _running_peaks(judged, windows)
+    horizon = int(np.max(windows.end - windows.first))
     curve = []
     for threshold in thresholds:
         delay, found = _delays(peaks, windows, threshold)
         survival = kaplan_meier(
-            delay, found, windows.trial, horizon=int(np.max(windows.end - windows.first)), resamples=resamples
+            delay, found, windows.trial, horizon=horizon, confidence=confidence, resamples=resamples
         )
         curve.append(Point(float(threshold), between_false_alarms(judged, threshold), survival))
     return curve

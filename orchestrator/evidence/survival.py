@@ -2,7 +2,8 @@
 
 The survival function ``S(t) = P(delay > t)`` is that of Kaplan and Meier (1958, JASA 53:457): a missed attack
 counts among those at risk as long as it was watched, and is neither dropped nor taken for a detection at its
-end. Intervals resample whole trials, since the windows of one trial are not independent.
+end. Intervals resample whole trials, since the windows of one trial are not independent; where all trials
+are alike they are those of `orchestrator.evidence.rates`.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from orchestrator.evidence.bootstrap import CONFIDENCE, RESAMPLES, Statistic, bootstrap
+from orchestrator.evidence.bootstrap import CONFIDENCE, RESAMPLES, Band, Statistic, bootstrap
 from orchestrator.evidence.intervals import Interval, only
+from orchestrator.evidence.rates import with_unseen
 from orchestrator.score.gather import Bools, Floats, Ints
 
 
@@ -22,8 +24,9 @@ class Survival:
 
     ``survival``, ``low``, ``high`` (horizon + 1,): the probability that an attack is not found within t
     steps. ``median`` is the first t at which at least half are found (infinite: never within the horizon);
-    ``restricted_mean`` the mean of the smaller one of delay and ``horizon + 1``. ``windows`` were watched and
-    ``found`` of them detected.
+    its interval reaches from the first t at which ``low`` is down to one half to the first at which ``high``
+    is (Brookmeyer and Crowley 1982, Biometrics 38:29). ``restricted_mean`` is the mean of the smaller one of
+    delay and ``horizon + 1``. ``windows`` were watched and ``found`` of them detected.
     """
 
     survival: Floats
@@ -94,17 +97,33 @@ def kaplan_meier(
     trials = int(dense.max()) + 1
     curve = _curve(*_tables(np.minimum(delay, last), within, dense, trials, last))
 
-    def median(weights: Floats) -> Floats:
-        half = curve(weights) <= 0.5
-        return np.where(half.any(axis=1), half.argmax(axis=1), np.inf)[:, None]
-
     def mean(weights: Floats) -> Floats:
         total: Floats = curve(weights).sum(axis=1, keepdims=True)
         return total
 
-    band, centre, average = (
+    resampled, average = (
         bootstrap(statistic, trials, confidence=confidence, resamples=resamples)
-        for statistic in (curve, median, mean)
+        for statistic in (curve, mean)
     )
+    band = with_unseen(resampled, _telling(delay, within, dense, trials, last), confidence)
+    restricted = only(average)
+    if restricted.low == restricted.high:
+        restricted = Interval(restricted.value, float(band.low.sum()), float(band.high.sum()))
     windows, detected = int(delay.size), int(within.sum())
-    return Survival(band.value, band.low, band.high, only(centre), only(average), last, windows, detected)
+    return Survival(band.value, band.low, band.high, _median(band), restricted, last, windows, detected)
+
+
+def _telling(delay: Ints, found: Bools, trial: Ints, trials: int, horizon: int) -> Ints:
+    """Return how many trials tell at each time (horizon + 1,) whether a window was found by then."""
+    last_told = np.zeros(trials, dtype=np.int64)
+    np.maximum.at(last_told, trial, np.where(found, horizon, delay))
+    telling: Ints = np.sum(last_told[:, None] >= np.arange(horizon + 1), axis=0)
+    return telling
+
+
+def _median(band: Band) -> Interval:
+    def first(curve: Floats) -> float:
+        half = curve <= 0.5
+        return np.nan if np.isnan(curve).any() else float(half.argmax()) if half.any() else np.inf
+
+    return Interval(*(first(curve) for curve in (band.value, band.low, band.high)))

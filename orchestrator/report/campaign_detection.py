@@ -60,7 +60,8 @@ def survival_figure(found: Mapping[str, Detection]) -> Figure | None:
             "hovermode": "x unified",
         },
         text="Kaplan-Meier: an attack that was never found counts as unseen for as long as it was watched. "
-        "Bands are bootstrap intervals over trials.",
+        "Bands are intervals over trials: by the bootstrap, and where all trials are alike by how many "
+        "others may differ.",
         height=360,
     )
 
@@ -107,7 +108,8 @@ def operating_figure(found: Mapping[str, Detection]) -> Figure | None:
             "xaxis": log_axis("genuine packets between two false alarms", [trace["x"] for trace in traces]),
             "yaxis": value_axis("mean delay (steps)", rangemode="tozero"),
         },
-        text="Each point is a threshold. Low and right is better. A missed attack counts with all the steps "
-        "that it was watched.",
+        text="Each point is a threshold. Low and right is better. The mean is that of the Kaplan-Meier curve "
+        "up to the longest time that any attack was watched: the delay of a missed attack is longer than it "
+        "was watched itself, and counts with what the others show of the time after.",
         height=340,
     )

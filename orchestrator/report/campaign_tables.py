@@ -166,29 +166,42 @@ def detection_table(found: Mapping[str, Detection]) -> Table:
             name,
             interval(own.recall, percent=True),
             interval(own.false_alarm_rate, percent=True),
-            figure(own.between_false_alarms),
+            _between(own.between_false_alarms),
             interval(own.roc.area),
             f"{own.delay.found} of {own.delay.windows}" if own.delay.windows else "-",
             _steps(own.delay.median) if own.delay.windows else "-",
+            _steps(own.delay.restricted_mean) if own.delay.windows else "-",
         )
         for name, own in found.items()
     ]
     columns = (
         *("variant", "attacked rejected", "genuine rejected", "genuine by false alarm"),
-        *("AUC", "attacks found", "median delay"),
+        *("AUC", "attacks found", "median delay", "mean delay"),
     )
     return Table("Detectors, with intervals over trials", columns, rows)
 
 
 def _steps(found: Interval) -> str:
+    """Return steps for people; an interval of one step says to the step how long it is."""
+
     def one(value: float) -> str:
         return "never" if np.isinf(value) else figure(value)
 
-    return (
-        one(found.value)
-        if np.isnan(found.low)
-        else f"{one(found.value)} [{one(found.low)}, {one(found.high)}]"
-    )
+    if np.isnan(found.low):
+        return one(found.value)
+    if found.low == found.high:
+        return f"{one(found.value)} (to the step)"
+    return f"{one(found.value)} [{one(found.low)}, {one(found.high)}]"
+
+
+def _between(found: Interval) -> str:
+    """Return how many packets there are by false alarm; without any, how many there are at least."""
+    if np.isnan(found.low):
+        return figure(found.value)
+    if np.isinf(found.value):
+        return f"none seen: above {found.low:.3g}"
+    high = "unbounded" if np.isinf(found.high) else f"{found.high:.3g}"
+    return f"{figure(found.value)} [{found.low:.3g}, {high}]"
 
 
 def failure_table(chosen: Sequence[Chosen]) -> Table | None:

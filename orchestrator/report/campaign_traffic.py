@@ -33,7 +33,7 @@ def pareto_figure(groups: Sequence[Group]) -> Figure | None:
     """
     choice, scope = state_choice(groups), scopes(groups)
     views: dict[tuple[str, ...], View] = {}
-    rates = {which: [sent_rate(group.of(which)) for group in groups] for which, _ in scope}
+    rates = {which: [sent_rate(group.of(which), group.confidence) for group in groups] for which, _ in scope}
     known = [rate.value for rate in rates[ALL] if np.isfinite(rate.value)]
     if len(known) < 2 or np.ptp(known) < LEAST_APART:
         return None

@@ -260,7 +260,7 @@ def run_curves(recording: Recording) -> list[Curve]:
         statistic = np.concatenate([rows.statistic for rows in parts])
         attacked = np.concatenate([rows.attacked for rows in parts])
         alarm = np.concatenate([rows.alarm for rows in parts])
-        found = roc(statistic, attacked)
+        found = roc(statistic, attacked, confidence=recording.score.options.confidence)
         stood = stood_at(attacked, alarm) if found.threshold.size else None
         curves.append(Curve(method, found, stood))
     return curves

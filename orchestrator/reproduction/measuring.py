@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from orchestrator.campaign.summary import median_interval
 from orchestrator.evidence.bootstrap import Band
 from orchestrator.evidence.calibration import HAPPENED, STATED, Calibration, attack_calibration
 from orchestrator.evidence.columns import Rows, select
 from orchestrator.evidence.figures import mean_curve, rmse_curve
-from orchestrator.evidence.intervals import Interval, mean_of_trials, share
+from orchestrator.evidence.intervals import Interval, mean_of_trials, median_of_trials, only, share
+from orchestrator.evidence.rates import with_unseen
 from orchestrator.evidence.samples import by_trial
 from orchestrator.evidence.sources import Source, load_source
 from orchestrator.evidence.table import SWEPT
@@ -37,6 +37,20 @@ RANGED = 10
 
 ENOUGH = 20
 """Trials from which on what is resampled, such as the bands of curves, holds nearly as often as it says."""
+
+SHARES = frozenset(
+    {
+        *("detector.recall", "detector.precision", "detector.false_alarm_rate", "packets.lost_share"),
+        *(
+            "attack.probability_on",
+            "attack.probability_off",
+            "bound.outside",
+            "bound.guaranteed",
+            "sent_rate",
+        ),
+    }
+)
+"""Metrics of which every trial's value is a share."""
 
 _MIDDLE = (0.05, 0.95)
 """The single trials between which most lie."""
@@ -109,7 +123,8 @@ def _found(results: Results, part: Value | Points) -> Found:
         told = calibration_of(results, part)
         known = told.error if told.trials >= FEWEST else Interval(told.error.value, *_NOWHERE)
         return Found(known, _NOWHERE, told.trials)
-    return over_trials(by_trial(results.rows(part), part.metric), part.statistic, part.above)
+    values = by_trial(results.rows(part), part.metric)
+    return over_trials(values, part.statistic, part.above, is_share=part.metric in SHARES)
 
 
 def calibration_of(results: Results, part: Value | Points) -> Calibration:
@@ -117,14 +132,20 @@ def calibration_of(results: Results, part: Value | Points) -> Calibration:
     return attack_calibration(results.rows(part), results.from_step(part))
 
 
-def over_trials(values: Floats, statistic: Statistic, above: float = 0.0) -> Found:
-    """Return a statistic of values (T,), one a trial; undefined ones, NaN, are left out."""
+def over_trials(values: Floats, statistic: Statistic, above: float = 0.0, *, is_share: bool = False) -> Found:
+    """Return a statistic of values (T,), one a trial; undefined ones, NaN, are left out.
+
+    ``is_share`` tells that each value is between 0 and 1, so that its mean is. Where all trials are alike the
+    interval of that mean leaves room for those that no trial shows.
+    """
     known = values[~np.isnan(values)]
     if not known.size:
         return Found(Interval(math.nan, math.nan, math.nan), _NOWHERE, 0)
     if statistic == "share":
         return Found(share(int(np.sum(known > above)), known.size), _NOWHERE, known.size)
     found = _STATISTICS[statistic](known)
+    if is_share and statistic == "mean":
+        found = _of_shares(found, known.size)
     if known.size < FEWEST:
         found = Interval(found.value, *_NOWHERE)
     if known.size < RANGED:
@@ -133,16 +154,17 @@ def over_trials(values: Floats, statistic: Statistic, above: float = 0.0) -> Fou
     return Found(found, (low, high), known.size)
 
 
-def _median(known: Floats) -> Interval:
-    found = median_interval(known)
-    low, high = (math.nan if bound is None else bound for bound in (found.low, found.high))
-    return Interval(found.median, low, high)
-
-
 def _mean(known: Floats) -> Interval:
     if not np.isfinite(known).all():
         return Interval(math.inf, math.nan, math.nan)
     return mean_of_trials(known)
+
+
+def _of_shares(mean: Interval, trials: int) -> Interval:
+    """Return the interval of a mean of shares, within 0 and 1, with a width where all trials are alike."""
+    sides = (np.array([side]) for side in (mean.value, mean.low, mean.high))
+    found = only(with_unseen(Band(*sides), np.array([trials])))
+    return Interval(found.value, max(found.low, 0.0), min(found.high, 1.0))
 
 
 def _rms(known: Floats) -> Interval:
@@ -166,7 +188,7 @@ def _largest(known: Floats) -> Interval:
 
 
 _STATISTICS: Mapping[Statistic, Callable[[Floats], Interval]] = {
-    "median": _median,
+    "median": median_of_trials,
     "mean": _mean,
     "rms": _rms,
     "max": _largest,

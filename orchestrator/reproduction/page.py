@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from orchestrator.campaign.summary import summarise
+from orchestrator.campaign.summary import tally
 from orchestrator.report.contents import Link, Page, Section, Table, Tile
 from orchestrator.reproduction.blocks import blocks_of
 from orchestrator.reproduction.claims import Entry
@@ -39,7 +39,8 @@ def paper_page(listing: Listing) -> Page:
     if absent:
         table = Table("What no campaign here gives", ("", "what", "why"), absent, frozenset({0, 1, 2}))
         sections.append(Section("absent", "Not here", [table]))
-    failed = sum(summarise(listing.where / own.name).failed for own in listing.campaigns)
+    tallies = [part for own in listing.campaigns for part in tally(listing.where / own.name)]
+    failed = sum(part.failed for part in tallies)
     return Page(
         title=listing.title,
         kind="Reproduction",
@@ -106,7 +107,7 @@ def _tiles(listing: Listing, words: Counter[Word], shown: int, absent: int) -> l
 def _campaign_table(campaigns: Sequence[Listed], where: Path) -> Table:
     rows = []
     for own in campaigns:
-        tallies = summarise(where / own.name).tallies
+        tallies = tally(where / own.name)
         trials, failed, passed = (
             sum(getattr(tally, name) for tally in tallies) for name in ("trials", "failed", "passed")
         )

@@ -185,17 +185,21 @@ def detects_within(
         for window in trial.score.windows
         if window.judged and window.link in links
     ]
-    told = [pair for pair in windows if _is_told(pair[1], pair[0].score, steps)]
+    told = [pair for pair in windows if _was_watched(pair[1], pair[0].score, steps)]
+    cut = len(windows) - len(told)
     if not told:
-        cut = f"; {len(windows)} were cut off by the run's end" if windows else ""
-        return Claim((f"no attack met a detector for {_steps(steps)}{cut}",))
+        cure = (
+            f"; {cut} were cut off by the run's end: give a larger 'steps:', or attack earlier" if cut else ""
+        )
+        return Claim((f"no attack met a detector for {_steps(steps)}{cure}",))
     late = [pair for pair in told if pair[1].delay is None or pair[1].delay > steps]
     found = len(told) - len(late)
     if found >= share * len(told):
         return Claim(())
+    left_out = f"; {cut} more were cut off by the run's end before that, and are left out" if cut else ""
     line = (
         f"{found} of {len(told)} attacks ({found / len(told):.3g}) were found within {_steps(steps)}, "
-        f"expected a share of {share:g}"
+        f"expected a share of {share:g}{left_out}"
     )
     late.sort(key=lambda pair: -(math.inf if pair[1].delay is None else pair[1].delay))
     blamed: dict[int, str] = {}
@@ -209,6 +213,11 @@ def _steps(number: int) -> str:
     return "1 step" if number == 1 else f"{number} steps"
 
 
-def _is_told(window: AttackWindow, score: Score, steps: int) -> bool:
-    """Return whether a window shows that it was, or was not, found within some steps."""
-    return window.delay is not None or not window.censored or score.steps - 1 - window.first >= steps
+def _was_watched(window: AttackWindow, score: Score, steps: int) -> bool:
+    """Return whether a window was watched for some steps, or for as long as an alarm could have found it.
+
+    Whether it was found must not matter here: to keep what was found early in a window that the run's end
+    cut off, and not what was missed in one, would count successes alone.
+    """
+    watched = score.steps - 1 - window.first
+    return watched >= steps or window.last + score.options.detection_grace < score.steps - 1

@@ -109,7 +109,8 @@ class Trials:
         NEES is averaged over the seeds in each step, NIS over seeds and steps. ``false_alarm`` is the
         probability that a linear Gaussian filter that knows its models fails this assertion as a whole: it is
         divided among estimators, figures and steps (Bonferroni), so correlated steps do no harm. A figure
-        that an estimator does not publish is not judged; one that publishes neither fails.
+        that an estimator never publishes is not judged; one that publishes neither fails, and so does one
+        that publishes covariances of which any is missing or not positive definite.
         """
         __tracebackhide__ = True
         self._require(consistent(self.topology, self.trials, node, false_alarm))
@@ -118,7 +119,8 @@ class Trials:
         """Assert that detectors find attacks soon: at least a share of the windows within some steps.
 
         A window is one attack on one link in one trial. One that the run's end cut off before ``steps`` steps
-        had passed tells nothing, and is left out.
+        had passed is left out, found or not: those that are found early would else count alone. A failure
+        tells how many these are, and when no window is left, that is one.
         """
         __tracebackhide__ = True
         if steps < 0 or not 0.0 < share <= 1.0:

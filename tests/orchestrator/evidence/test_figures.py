@@ -142,6 +142,8 @@ def test_detectors_are_told_by_rates_roc_and_delays(campaign: Source) -> None:
     statistic, attacked = held.flat("packet.statistic")[1], held.flat("packet.attacked")[1] == 1.0
     assert found.recall.value == pytest.approx(np.mean(statistic[attacked] >= 9.0))
     assert found.false_alarm_rate.value == pytest.approx(np.mean(statistic[~attacked] >= 9.0))
+    between, rate = found.between_false_alarms, found.false_alarm_rate
+    assert (between.value, between.low) == pytest.approx((1.0 / rate.value, 1.0 / rate.high))
     assert found.roc.area.value > 0.9
     assert found.roc.unit == "trials"
     assert judged_packets(held).statistic.size == 3 * 40 * TRIALS
@@ -149,6 +151,16 @@ def test_detectors_are_told_by_rates_roc_and_delays(campaign: Source) -> None:
     assert delays(held).windows == TRIALS
     assert delays(held).found == int(np.sum(~np.isnan(measured)))
     assert found.delay.restricted_mean.value == pytest.approx(delays(held).restricted_mean.value)
+
+
+def test_without_a_false_alarm_the_time_between_two_has_a_lower_bound(campaign: Source) -> None:
+    held = rows(campaign, "hub")
+    place = held.table.column_names.index("packet.alarm")
+    silent = [[False] * len(alarms) for alarms in held.table["packet.alarm"].to_pylist()]
+    found = detection(replace(held, table=held.table.set_column(place, "packet.alarm", [silent])), points=2)
+    low = 1.0 / (1.0 - 0.05 ** (1.0 / (TRIALS - 1)))
+    between = found.between_false_alarms
+    assert (between.value, between.low, between.high) == pytest.approx((np.inf, low, np.inf))
 
 
 def test_disagreement_divergence_and_communication_are_told(campaign: Source) -> None:

@@ -11,7 +11,6 @@ from orchestrator.evidence.operating import (
     Judged,
     Windows,
     between_false_alarms,
-    delays_at,
     operating_curve,
 )
 from orchestrator.evidence.pareto import pareto_front
@@ -89,12 +88,25 @@ def recorded(rng: np.random.Generator) -> tuple[Judged, Windows]:
 
 def test_delays_at_a_threshold_are_those_of_the_first_packet_that_reaches_it() -> None:
     judged, windows = recorded(np.random.default_rng(5))
-    for threshold in (0.0, 1.5, 3.5, 9.0):
-        delay, found = delays_at(judged, windows, threshold)
-        for t in range(20):
-            here = judged.statistic[(judged.trial == t) & judged.attacked] >= threshold
-            assert found[t] == here.any()
-            assert delay[t] == (here.argmax() if here.any() else 9)
+    curve = operating_curve(judged, windows, points=4, resamples=20)
+    assert len(curve) == 5
+    for point in curve:
+        reached = [
+            judged.statistic[(judged.trial == t) & judged.attacked] >= point.threshold for t in range(20)
+        ]
+        delays = np.array([own.argmax() if own.any() else 10 for own in reached])
+        assert point.delay.found == sum(own.any() for own in reached)
+        assert point.delay.survival == pytest.approx([np.mean(delays > t) for t in range(10)])
+
+
+def test_intervals_of_the_curve_have_the_confidence_that_was_asked_for() -> None:
+    judged, windows = recorded(np.random.default_rng(8))
+    wide, narrow = (
+        operating_curve(judged, windows, points=3, confidence=confidence, resamples=200)[1].delay
+        for confidence in (0.99, 0.5)
+    )
+    assert wide.restricted_mean.low < narrow.restricted_mean.low
+    assert narrow.restricted_mean.high < wide.restricted_mean.high
 
 
 def test_a_stricter_threshold_buys_rarer_false_alarms_with_later_detections() -> None:

@@ -69,5 +69,54 @@ def test_windows_of_one_trial_are_resampled_together() -> None:
     assert (many.low, many.high) == pytest.approx((one.low, one.high))
 
 
+def test_trials_that_are_all_alike_leave_room_for_others() -> None:
+    """Twenty trials found at once: with 95 % confidence no more than 1 - 0.05^(1/19) of all differ."""
+    own = kaplan_meier(np.zeros(20, int), np.ones(20, bool), horizon=4)
+    unseen = 1.0 - 0.05 ** (1.0 / 19.0)
+    assert own.survival == pytest.approx(np.zeros(5))
+    assert own.low == pytest.approx(np.zeros(5))
+    assert own.high == pytest.approx(np.full(5, unseen))
+    mean = own.restricted_mean
+    assert (mean.value, mean.low, mean.high) == pytest.approx((0.0, 0.0, 5.0 * unseen))
+
+
+def test_a_median_is_known_to_the_step_where_most_trials_are_sure_to_be_alike() -> None:
+    """Six alike bound the others below one half, which the order statistics of six values do; five do not."""
+    six, five = (kaplan_meier(np.full(n, 2), np.ones(n, bool)).median for n in (6, 5))
+    assert (six.value, six.low, six.high) == (2.0, 2.0, 2.0)
+    assert (five.value, five.low, five.high) == (2.0, 0.0, np.inf)
+
+
+def test_the_interval_of_a_median_inverts_the_band() -> None:
+    delay, found = delays(np.random.default_rng(6), 60)
+    own = kaplan_meier(delay, found)
+    assert own.median.low == np.flatnonzero(own.low <= 0.5)[0] < own.median.value
+    assert own.median.value < own.median.high == np.flatnonzero(own.high <= 0.5)[0]
+    one = kaplan_meier(np.array([3, 4]), np.ones(2, bool), np.zeros(2, int)).median
+    assert one.value == 3.0
+    assert np.isnan([one.low, one.high]).all()
+
+
+def test_a_time_that_few_trials_were_watched_for_is_known_by_few() -> None:
+    """Nobody is found; two of ten trials were watched beyond step 1."""
+    own = kaplan_meier(np.where(np.arange(10) < 2, 5, 1), np.zeros(10, bool))
+    assert own.low[:2] == pytest.approx([0.05 ** (1.0 / 9.0)] * 2)
+    assert own.low[2:] == pytest.approx([0.05] * 4)
+    assert own.high == pytest.approx(np.ones(6))
+
+
+def test_the_mean_of_delays_that_are_rarely_seen_to_differ_is_held_by_its_interval() -> None:
+    """One of 50 attacks is found 5 steps late: two campaigns in three, of 20 trials, see none of these.
+
+    Their bootstrap interval is [0, 0] and wrong. The false-alarm rate of this test is below 1e-6.
+    """
+    rng, runs, held = np.random.default_rng(7), 200, 0
+    for _ in range(runs):
+        delay = np.where(rng.random(20) < 0.02, 5, 0)
+        own = kaplan_meier(delay, np.ones(20, bool), horizon=9, resamples=200).restricted_mean
+        held += own.holds(0.1)
+    assert held >= stats.binom.ppf(5e-7, runs, 0.95)
+
+
 def test_no_window_gives_no_delay() -> None:
     assert np.isnan(kaplan_meier(np.zeros(0, int), np.zeros(0, bool)).median.value)

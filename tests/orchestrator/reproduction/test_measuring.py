@@ -64,6 +64,17 @@ def test_too_few_trials_have_no_interval_and_few_no_range(statistic: str) -> Non
     assert enough.range == (values.min(), values.max())
 
 
+def test_a_rate_that_was_never_anything_but_0_is_not_certain_to_be() -> None:
+    """Of 20 trials alike, 1 - 0.05^(1/19) may differ."""
+    never = over_trials(np.zeros(20), "mean", is_share=True).number
+    assert (never.value, never.low, never.high) == (0.0, 0.0, pytest.approx(1.0 - 0.05 ** (1.0 / 19.0)))
+    always = over_trials(np.ones(20), "mean", is_share=True).number
+    assert (always.low, always.high) == (pytest.approx(0.05 ** (1.0 / 19.0)), 1.0)
+    rare = over_trials(np.array([0.01, *np.zeros(19)]), "mean", is_share=True).number
+    assert rare.low == 0.0 < rare.high < 0.01, "Student's interval reaches below 0"
+    assert over_trials(np.full(20, 6.0), "mean").number == Interval(6.0, 6.0, 6.0), "a count is no share"
+
+
 def test_the_root_mean_square_of_nothing_but_zeros_is_zero() -> None:
     assert over_trials(np.zeros(20), "rms").number == Interval(0.0, 0.0, 0.0)
 

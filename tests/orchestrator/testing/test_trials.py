@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from orchestrator.log.reader import read_log
@@ -129,6 +131,58 @@ def test_a_filter_that_publishes_nothing_to_judge_by_is_not_called_consistent(
         trials.assert_consistent()
 
 
+def test_one_covariance_that_is_not_positive_definite_fails_whatever_the_others_say(
+    make: Make, folder: Path
+) -> None:
+    (folder / "negative.py").write_text(
+        "from nodes.contract import Belief\n"
+        "from nodes.estimators.kalman import Kalman\n\n\n"
+        "class Negative(Kalman):\n"
+        "    def __init__(self, setting, *, steps: int):\n"
+        "        super().__init__(setting)\n"
+        "        self.steps = steps\n\n"
+        "    def estimate(self, step):\n"
+        "        belief = super().estimate(step)\n"
+        "        sign = -1.0 if step % 40 >= 40 - self.steps else 1.0\n"
+        "        return Belief(state=belief.state, covariance=sign * belief.covariance)\n"
+    )
+
+    def negative(steps: int, *more: str) -> Trials:
+        method = f"{{method: './negative.py:Negative', steps: {steps}}}"
+        return make("calm.yaml", range(3, 6), f"estimators.e2={method}", *more)
+
+    trials = negative(37)
+    assert [score.nodes[1].nees_undefined for score in trials.scores] == [37] * 3
+    with pytest.raises(AssertionError) as told:
+        trials.assert_consistent()
+    assert "e2 has no usable covariance in 111 of 120 estimates" in str(told.value)
+    assert "not positive definite, first at step 3 of seed 3" in str(told.value)
+    assert "without a usable covariance: seed 3 (37 estimates)" in str(told.value)
+    assert "e1" not in str(told.value).split("\n", 1)[1].split("again, in")[0]
+    with pytest.raises(AssertionError, match="no usable covariance in 3 of 120 estimates"):
+        negative(1).assert_consistent()
+    negative(0).assert_consistent()
+    trials.assert_consistent(node="e1")
+
+
+def test_a_program_that_never_publishes_a_covariance_is_judged_by_its_nis_alone(calm_trials: Trials) -> None:
+    """On the wire a covariance may be empty. One that publishes some owes them all."""
+
+    def without(covariances: slice) -> Trials:
+        trials = []
+        for trial in calm_trials.trials:
+            own, held = trial.evidence, trial.evidence.gathered.estimates
+            covariance, nees = held.covariance.copy(), own.nees.copy()
+            covariance[1, covariances], nees[1, covariances] = np.nan, np.nan
+            gathered = replace(own.gathered, estimates=replace(held, covariance=covariance))
+            trials.append(replace(trial, evidence=replace(own, gathered=gathered, nees=nees)))
+        return Trials(calm_trials.topology, (), trials, calm_trials.log, Path())
+
+    without(slice(None)).assert_consistent()
+    with pytest.raises(AssertionError, match="e2 has no usable covariance in 390 of 400 estimates"):
+        without(slice(1, None)).assert_consistent()
+
+
 def test_a_filter_that_diverges_is_neither_accurate_nor_consistent(make: Make) -> None:
     trials = make("calm.yaml", range(2), "score.divergence_bound=1e-6", "expect=null")
     with pytest.raises(AssertionError, match="RMSE of state of e1 is without bound"):
@@ -173,6 +227,35 @@ def test_an_attack_that_the_end_cut_off_tells_nothing_either_way(make: Make) -> 
         trials.assert_detects_within(3)
     with pytest.raises(AssertionError, match="0 of 3 attacks"):
         trials.assert_detects_within(2)
+
+
+def test_attacks_that_the_end_cut_off_do_not_count_as_found_where_the_missed_ones_do_not_count(
+    make: Make,
+) -> None:
+    """A weak attack in the last 4 steps is found in few of 20 seeds: within 10 steps nothing is known."""
+    trials = make("attacked.yaml", range(20), "attacks[0].steps=[36, 39]", "attacks[0].bias.value=1")
+    found = [window.delay is not None for score in trials.scores for window in score.windows]
+    assert 0 < sum(found) < len(found) == 20
+    with pytest.raises(AssertionError, match="no attack met a detector for 10 steps; 20 were cut off"):
+        trials.assert_detects_within(10)
+    with pytest.raises(AssertionError, match=rf"{sum(found)} of 20 attacks .* within 3 steps"):
+        trials.assert_detects_within(3)
+
+
+def test_a_failure_tells_how_many_attacks_the_end_cut_off(make: Make) -> None:
+    """The earlier attack is missed in every seed; the later one, found at once, is watched for 4 steps."""
+    early, late = (
+        "{bias: {value: 0.01}, on: s1->e1, steps: [10, 12]}",
+        "{bias: {value: 5}, on: s2->e2, steps: [36, 39]}",
+    )
+    trials = make("attacked.yaml", range(4), f"attacks=[{early}, {late}]")
+    later = [window for score in trials.scores for window in score.windows if window.link == "s2->e2"]
+    assert [window.delay for window in later] == [0] * 4
+    with pytest.raises(AssertionError) as told:
+        trials.assert_detects_within(10, share=0.5)
+    assert "0 of 4 attacks (0) were found within 10 steps" in str(told.value)
+    assert "expected a share of 0.5; 4 more were cut off by the run's end before that" in str(told.value)
+    trials.assert_detects_within(3, share=0.5)
 
 
 def test_expectations_and_metrics_hold_or_fail_at_every_seed(make: Make, calm_trials: Trials) -> None:
