@@ -129,7 +129,7 @@
       if (name === focused) button.focus();
     }
     if (names.size > 6) {
-      for (const all of [true, false]) {
+      for (const all of [false, true]) {
         const button = document.createElement("button");
         button.type = "button";
         button.className = "many";
@@ -138,7 +138,7 @@
           for (const name of names.keys()) all ? figure.off.delete(name) : figure.off.add(name);
           draw(figure);
         });
-        place.append(button);
+        place.prepend(button);
       }
     }
   }

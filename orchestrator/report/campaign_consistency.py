@@ -18,7 +18,7 @@ from orchestrator.evidence.consistency_of_rows import (
 )
 from orchestrator.report.campaign_tables import figure
 from orchestrator.report.contents import Choice, Figure, Mark, Table, Trace, View
-from orchestrator.report.group_pieces import band_traces
+from orchestrator.report.group_pieces import band_traces, seen_first
 from orchestrator.report.groups import Group
 from orchestrator.report.lines import log_axis, step_axis
 from orchestrator.score.gather import Floats
@@ -128,13 +128,13 @@ def consistency_curves(groups: Sequence[Group], notes: list[str]) -> Figure | No
 
 def _consistency_traces(groups: Sequence[Group], node: str, what: ChiSquare) -> list[Trace]:
     traces: list[Trace] = []
-    for number, group in enumerate(groups):
+    having = [(number, group) for number, group in enumerate(groups) if group.of(node).trial.size]
+    looks = seen_first([group.rank for _, group in having])
+    for (number, group), look in zip(having, looks, strict=True):
         rows = group.of(node)
-        if not rows.trial.size:
-            continue
         found = by_step(*chi_square_figures(rows, what), confidence=group.confidence)
         if np.isfinite(found.ratio).any():
-            own = band_traces(Band(found.ratio, found.low, found.high), group.name, number)
+            own = band_traces(Band(found.ratio, found.low, found.high), group.name, number, **look)
             traces += own[1:] if _drawn_already(own[0]["y"], traces) else own
     return traces
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from orchestrator.evidence.chosen import Chosen, shown, told_apart
 from orchestrator.evidence.comparability import different_ground
-from orchestrator.evidence.comparison import Comparison
 from orchestrator.evidence.detectors import Detection
-from orchestrator.evidence.figures import rmse
+from orchestrator.report.best import Best, find_best
 from orchestrator.report.campaign_calibration import calibration_blocks
 from orchestrator.report.campaign_consistency import consistency_curves, consistency_table
 from orchestrator.report.campaign_detection import detections, operating_figure, roc_curves, survival_figure
@@ -21,16 +19,27 @@ from orchestrator.report.campaign_tables import (
     detection_table,
     error_table,
     failure_table,
-    interval,
     origin_table,
     variant_table,
 )
 from orchestrator.report.campaign_traffic import disagreement_figure, pareto_figure
-from orchestrator.report.comparison import compared, comparison_blocks, is_best, price_tables
-from orchestrator.report.contents import Block, Page, Section, Text, Tile
+from orchestrator.report.comparison import compared, comparison_blocks, price_tables
+from orchestrator.report.contents import Block, Page, Section, Table, Text, Tile
 from orchestrator.report.grouping import find_groups
-from orchestrator.report.groups import Group, Outcomes, state_names
+from orchestrator.report.groups import Group, Outcomes, judged_by_expectations
 from orchestrator.report.swept import swept_figure
+from orchestrator.report.swept_pairs import pair_figures
+
+ENOUGH = 20
+"""Trials from which on resampled intervals hold nearly as often as they say."""
+
+_FEW = (
+    "Of {} trials, those that are resampled (RMSE, bands) hold less often: at 95 %, in about half of the "
+    "campaigns of 2 trials, 85 % of those of 5, 90 % of those of 10."
+)
+
+LONG = 16
+"""Most rows of a table that stands open, those of variants and errors aside."""
 
 
 def _detection_blocks(groups: Sequence[Group]) -> list[Block]:
@@ -42,30 +51,32 @@ def _packet_blocks(found: Mapping[str, Detection]) -> list[Block]:
     if not found:
         return [Text("No estimator judged any packet: there is no detector of packets to report on.")]
     figures = [roc_curves(found), survival_figure(found), operating_figure(found)]
-    blocks: list[Block] = [detection_table(found), *(own for own in figures if own)]
+    blocks: list[Block] = [*_folded([detection_table(found)]), *(own for own in figures if own)]
     if figures[0] is None:
         blocks.append(Text("There is no ROC: it needs both attacked and genuine packets with a verdict."))
     return blocks
 
 
-def _headline(groups: Sequence[Group], found: Comparison | None) -> str:
+def _folded(blocks: Sequence[Block]) -> list[Block]:
+    """Return blocks whose long tables show their caption only, until they are opened."""
+    return [
+        replace(own, folded=True) if isinstance(own, Table) and len(own.rows) > LONG else own
+        for own in blocks
+    ]
+
+
+def _headline(groups: Sequence[Group], best: Best | None) -> str:
     """Return in a sentence what became of the trials, and who erred least if these can be compared."""
-    own = Outcomes.of(groups)
-    told = f"All that was expected held in {own.passed:,} of {own.trials:,} trials"
+    held, own = Outcomes.of(judged_by_expectations(groups)), Outcomes.of(groups)
+    trials = f"{held.trials:,} trials" if held.trials == own.trials else f"{held.trials:,} attacked trials"
+    told = f"All that was expected held in {held.passed:,} of {trials}"
     told += f"; in {own.diverged:,} an estimator diverged" if own.diverged else "; no estimator diverged"
-    state = state_names(groups)[0]
-    errors = {group.name: rmse(group.rows, state, group.confidence) for group in groups}
-    known = {name: own for name, own in errors.items() if np.isfinite(own.value)}
-    if len(known) < 2 or found is None:
-        return f"{told}."
-    best = min(known, key=lambda name: known[name].value)
-    where = "the state" if state == "state" else state
-    how = "shown to be better than every other" if is_best(best, known, found) else "not shown to be the best"
-    return f"{told}. The smallest RMSE of {where} is that of {best}: {interval(known[best])}; it is {how}."
+    return f"{told}. {best.headline}" if best else f"{told}."
 
 
 def _tiles(groups: Sequence[Group]) -> list[Tile]:
-    own = Outcomes.of(groups)
+    own, held = Outcomes.of(groups), Outcomes.of(judged_by_expectations(groups))
+    apart = "" if held.trials == own.trials else f"; {own.trials - held.trials:,} of twins do not count"
     scored = max(own.trials - own.failed, 1)
     variants = len({group.variant for group in groups})
     return [
@@ -73,7 +84,11 @@ def _tiles(groups: Sequence[Group]) -> list[Tile]:
             "Variants", f"{variants}", f"{len(groups)} group{'' if len(groups) == 1 else 's'} of estimators"
         ),
         Tile("Trials", f"{own.trials:,}", _each(groups)),
-        Tile("Passed", f"{100 * own.passed / max(own.trials, 1):.3g} %", f"{own.passed:,} of {own.trials:,}"),
+        Tile(
+            "Passed",
+            f"{100 * held.passed / max(held.trials, 1):.3g} %",
+            f"{held.passed:,} of {held.trials:,}{apart}",
+        ),
         Tile(
             "Diverged",
             f"{100 * own.diverged / scored:.3g} %",
@@ -98,16 +113,19 @@ def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
         Section("communication-section", "Communication", _communication_blocks(groups)),
         Section("origin-section", "Provenance", _origin_tables(chosen)),
     ]
-    found = compared(groups, notes)
+    best = find_best(groups)
+    found = compared(groups, best.group if best else None, notes)
     if found is not None:
-        sections.insert(1, Section("comparison-section", "Comparison", comparison_blocks(found)))
+        told = [Text(best.evidence)] if best and not warnings else []
+        blocks = [*told, *comparison_blocks(found, groups)]
+        sections.insert(1, Section("comparison-section", "Comparison", blocks))
     word = "INCOMPLETE" if cut_off else "PARTLY FAILED" if Outcomes.of(groups).failed else "DONE"
     return Page(
         title=" and ".join(dict.fromkeys(own.name for own in chosen)),
         kind="Campaign report" if len(chosen) == 1 else "Comparison",
         word=word,
         tone="warn" if word != "DONE" or warnings else "plain",
-        headline=_headline(groups, None if warnings else found),
+        headline=_headline(groups, None if warnings else best),
         facts=_facts(groups, chosen),
         tiles=_tiles(groups),
         sections=sections,
@@ -148,16 +166,16 @@ def _error_blocks(groups: Sequence[Group], by: str | None, notes: list[str]) -> 
     return [
         error_table(groups),
         *([swept] if swept else []),
+        *pair_figures(groups),
         error_curves(groups, notes),
         trial_spread(groups),
-        *price_tables(groups),
-        *bound_blocks(groups),
+        *_folded([*price_tables(groups), *bound_blocks(groups)]),
     ]
 
 
 def _consistency_blocks(groups: Sequence[Group], notes: list[str]) -> list[Block]:
     curves = consistency_curves(groups, notes)
-    blocks: list[Block] = [consistency_table(groups)]
+    blocks: list[Block] = _folded([consistency_table(groups)])
     if any(len(group.nodes) > 1 for group in groups):
         blocks.append(
             Text(
@@ -193,7 +211,11 @@ def _facts(groups: Sequence[Group], chosen: Sequence[Chosen]) -> str:
     lengths = dict.fromkeys(f"{group.rows.steps:,} steps of {group.period_s:g} s" for group in groups)
     confidence = f"{100 * groups[0].confidence:g} %"
     told = f"{' or '.join(lengths)}; intervals hold with {confidence} confidence over trials."
-    return " ".join([told, *(_choice(own) for own in chosen if len(own.variants) < len(own.source.variants))])
+    fewest = min(group.rows.trials for group in groups)
+    few = [_FEW.format(fewest)] if 1 < fewest < ENOUGH else []
+    return " ".join(
+        [told, *few, *(_choice(own) for own in chosen if len(own.variants) < len(own.source.variants))]
+    )
 
 
 def _choice(own: Chosen) -> str:

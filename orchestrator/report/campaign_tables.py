@@ -46,7 +46,9 @@ def variant_table(groups: Sequence[Group]) -> Table:
                 _span(group.nodes),
                 f"{own.trials:,}",
                 f"{own.failed:,}",
-                interval(share(own.passed, own.trials, group.confidence), percent=True),
+                "-"
+                if group.is_twin
+                else interval(share(own.passed, own.trials, group.confidence), percent=True),
                 interval(share(own.diverged, own.trials - own.failed, group.confidence), percent=True),
                 interval(sent_rate(group.rows, group.confidence), percent=True),
             )

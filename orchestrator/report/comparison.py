@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -31,29 +31,33 @@ SENTENCES = 5
 """Most verdicts that are told in whole sentences."""
 
 
-def compared(groups: Sequence[Group], notes: list[str]) -> Comparison | None:
-    """Return the comparison of every two groups in error and consistency; None for a single group."""
+def compared(groups: Sequence[Group], best: Group | None, notes: list[str]) -> Comparison | None:
+    """Return the comparison of every two groups in error and consistency; None for a single group.
+
+    Of many groups those are compared that err least, and the ``best`` in any case: attacked ones before their
+    unattacked twins.
+    """
     if len(groups) < 2:
         return None
+    order = sorted(groups, key=lambda group: (group is not best, group.rank))
+    chosen = sorted(order[:CONTENDERS], key=lambda group: group.number)
     if len(groups) > CONTENDERS:
-        notes.append(f"The first {CONTENDERS} of {len(groups)} groups are compared two by two.")
-    contenders = [Contender(group.name, "", group.rows, group.document) for group in groups[:CONTENDERS]]
+        notes.append(f"Of {len(groups)} groups the {CONTENDERS} that err least are compared two by two.")
     states = state_names(groups)
     metrics = [f"rmse.{state}" for state in dict.fromkeys((states[0], "state"))] + ["nees.ratio"]
-    return compare(contenders, metrics, groups[0].confidence)
+    return compare([contender_of(group) for group in chosen], metrics, groups[0].confidence)
 
 
-def comparison_blocks(found: Comparison) -> list[Block]:
-    """Return a comparison in words, as a figure and as a table."""
-    return [*_words(found), _difference_figure(found), _table(found)]
+def contender_of(group: Group) -> Contender:
+    """Return a group as somebody to compare."""
+    return Contender(group.name, "", group.rows, group.document)
 
 
-def is_best(name: str, names: Collection[str], found: Comparison) -> bool:
-    """Return whether by the verdicts on the first metric a contender is better than all others named."""
-    own = [item for item in found.compared if item.metric == found.metrics[0]]
-    beaten = {item.second for item in own if item.verdict is Verdict.FIRST and item.first == name}
-    beaten |= {item.first for item in own if item.verdict is Verdict.SECOND and item.second == name}
-    return beaten.issuperset(set(names) - {name})
+def comparison_blocks(found: Comparison, groups: Sequence[Group]) -> list[Block]:
+    """Return a comparison of some of the groups of a page in words, as a figure and as a table."""
+    numbers = {group.name: group.number for group in groups}
+    own = {contender.name: numbers[contender.name] for contender in found.contenders}
+    return [*_words(found), _difference_figure(found, own), _table(found)]
 
 
 def _words(found: Comparison) -> list[Text]:
@@ -131,9 +135,8 @@ def _trials(own: Compared) -> str:
     return f"{told}, infinite {infinite[0]:,} and {infinite[1]:,}" if any(infinite) else told
 
 
-def _difference_figure(found: Comparison) -> Figure:
+def _difference_figure(found: Comparison, numbers: Mapping[str, int]) -> Figure:
     """Return all differences with their intervals, one metric at a time."""
-    numbers = {contender.name: i for i, contender in enumerate(found.contenders, start=1)}
     views: dict[tuple[str, ...], View] = {}
     for metric in found.metrics:
         own = [item for item in found.compared if item.metric == metric]

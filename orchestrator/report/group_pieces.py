@@ -17,16 +17,28 @@ from orchestrator.report.palette import series_style
 from orchestrator.report.thinning import kept
 from orchestrator.score.gather import Floats
 
-SHOWN = 8
-"""Groups that are drawn at first."""
+DRAWN = 8
+"""Most curves that are seen before anybody asks for more."""
 
 LABEL = 20
 """Most letters of a line of an axis' label."""
 
+LINES = 2
+"""Most lines of the labels of an axis with more than a few groups: where one is longer, all are numbers."""
+
+NAMED = 5
+"""Most groups that an axis names at any length."""
+
 
 def visible(number: int) -> dict[str, Any]:
-    """Return what hides a trace at first, when it is of a late group."""
-    return {} if number < SHOWN else {"visible": "legendonly"}
+    """Return what hides a trace at first, when it is a late one."""
+    return {} if number < DRAWN else {"visible": "legendonly"}
+
+
+def seen_first(ranks: Sequence[int]) -> list[dict[str, Any]]:
+    """Return what hides curves at first: all of them but those of the first ranks."""
+    last = sorted(ranks)[:DRAWN][-1:]
+    return [{"visible": True if [rank] <= last else "legendonly"} for rank in ranks]
 
 
 def band_traces(found: Band, name: str, number: int, **more: Any) -> list[Trace]:
@@ -85,10 +97,24 @@ def error_axis(title: str, values: Sequence[Floats]) -> dict[str, Any]:
     return value_axis(title, rangemode="tozero")
 
 
-def label(group: Group) -> str:
-    """Return a name for an axis, broken into short lines at commas and underscores."""
+def labels(groups: Sequence[Group]) -> list[str]:
+    """Return names for an axis, or numbers of the table of variants where names would fill the page."""
+    names = [_broken(group.name) for group in groups]
+    if len(groups) > NAMED and max(name.count("<br>") + 1 for name in names) > LINES:
+        return [f"{group.number}" for group in groups]
+    return names
+
+
+def told_of_labels(groups: Sequence[Group]) -> str:
+    """Return the sentence that says what the numbers on an axis are, nothing where there are names."""
+    is_numbered = labels(groups)[0] == f"{groups[0].number}"
+    return " The numbers are those of the table of variants." if is_numbered else ""
+
+
+def _broken(name: str) -> str:
+    """Return a name broken into short lines at commas and underscores."""
     lines = [""]
-    for part in re.findall(r"[^,_]+[,_]?", group.name):
+    for part in re.findall(r"[^,_]+[,_]?", name):
         if lines[-1] and len(lines[-1]) + len(part) > LABEL:
             lines.append("")
         lines[-1] += part
@@ -96,6 +122,7 @@ def label(group: Group) -> str:
 
 
 def height(groups: Sequence[Group], row: int) -> int:
-    """Return the height (pixels) of a figure with a row a group, tall enough for the rows' labels."""
-    lines = max(label(group).count("<br>") + 1 for group in groups)
-    return max(100 + len(groups) * max(row, 16 * lines + 10), 180)
+    """Return the height (pixels) of a figure with a row a group: at most ``row`` where labels are short."""
+    lines = max(own.count("<br>") + 1 for own in labels(groups))
+    each = min(row, 28) if told_of_labels(groups) else max(row, 16 * lines + 10)
+    return max(100 + len(groups) * each, 180)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,9 +10,10 @@ import numpy as np
 
 from orchestrator.evidence.chosen import Chosen, told_apart
 from orchestrator.evidence.columns import ColumnError, Rows, select
+from orchestrator.evidence.price import find_twins
 from orchestrator.evidence.sources import RESULTS
 from orchestrator.report.errors import ReportError
-from orchestrator.report.groups import Group, described
+from orchestrator.report.groups import Group, described, state_names, trial_rmse
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 MOST = 40
 """Most groups that a page tells of."""
+
+LISTED = 8
+"""Most variants that a note names."""
 
 _KEYS = ("variant", "trial", "seed", "node", "method", "status")
 _EVENTS = ("packet.", "window.")
@@ -57,32 +61,76 @@ def find_groups(chosen: Sequence[Chosen], by: str | None, notes: list[str]) -> l
     if len(found) > MOST:
         notes.append(f"{MOST} of {len(found)} groups of estimators are reported, the first of them.")
         found = found[:MOST]
+    return _placed(found)
+
+
+def _placed(found: Sequence[Group]) -> list[Group]:
+    """Return groups with what each is among the others: its number, name and rank, and if a twin."""
     called = [group.name for group in found]
+    twins = _twins(found)
+    ranks = {place: rank for rank, place in enumerate(_ranked(found, twins))}
     return [
-        group if called.count(group.name) == 1 else replace(group, name=f"{group.name} [{number}]")
+        replace(
+            group,
+            name=group.name if called.count(group.name) == 1 else f"{group.name} [{number}]",
+            number=number,
+            is_twin=group.variant in twins,
+            rank=ranks[number - 1],
+        )
         for number, group in enumerate(found, start=1)
     ]
+
+
+def _twins(groups: Sequence[Group]) -> set[tuple[int, int]]:
+    """Return the variants that are others without their attacks, and held to what is expected of these."""
+    documents = {group.variant: group.document for group in groups}
+    attacked = [own for own in documents.values() if own.get("attacks")]
+    return {
+        variant
+        for variant, own in documents.items()
+        if not own.get("attacks")
+        and any(own.get("expect") == hit.get("expect") and find_twins([hit, own]) for hit in attacked)
+    }
+
+
+def _ranked(groups: Sequence[Group], twins: Collection[tuple[int, int]]) -> list[int]:
+    """Return the places of groups by how little they err, best first, twins last.
+
+    A twin comes late because its curve is that of an attacked one until the attack begins.
+    """
+    state = state_names(groups)[0]
+
+    def order(place: int) -> tuple[bool, float]:
+        errors = trial_rmse(groups[place].rows, state)
+        known = errors[~np.isnan(errors)]
+        return groups[place].variant in twins, float(np.mean(known**2)) if known.size else np.inf
+
+    return sorted(range(len(groups)), key=order)
 
 
 def _groups_of(chosen: Chosen, number: int, title: str, by: str | None, notes: list[str]) -> list[Group]:
     source = chosen.source
     table = source.read(lambda name: not name.startswith("packet."), chosen.variants)
     judged, found = _judged(chosen, notes), []
-    for variant, settings in chosen.variants.items():
+    for variant, settings in _different(chosen, notes).items():
         try:
             whole = select(table, variant=variant)
         except ColumnError:
             continue
         document = source.document(variant)
         parts = _parts(whole, document, by)
+        own_words = {
+            path: word for path, word in described(chosen.variants[variant]).items() if path in settings
+        }
         for part, nodes in parts.items():
-            words = (title, *described(settings).values())
+            told = (title, *own_words.values())
             rows = select(table, variant=variant, nodes=nodes)
             found.append(
                 Group(
-                    name=", ".join(filter(None, (*words, part if len(parts) > 1 or not any(words) else ""))),
+                    name=", ".join(filter(None, (*told, part if len(parts) > 1 or not any(told) else ""))),
                     title=title,
                     settings=settings,
+                    words=own_words,
                     part=part,
                     variant=(number, variant),
                     rows=rows,
@@ -93,6 +141,36 @@ def _groups_of(chosen: Chosen, number: int, title: str, by: str | None, notes: l
                 )
             )
     return found
+
+
+def _different(chosen: Chosen, notes: list[str]) -> dict[int, Mapping[str, str]]:
+    """Return the variants that ran different topologies, each with the settings that make it what it is.
+
+    Where a setting changes nothing, as that of an attack in the twin without it, several variants ran the
+    same, trial by trial: the first stands for all, under the settings that all of them share.
+    """
+    hashes = chosen.source.provenance.get("topology_hashes") or []
+    alike: dict[Any, list[int]] = {}
+    for variant in chosen.variants:
+        alike.setdefault(hashes[variant] if variant < len(hashes) else variant, []).append(variant)
+    repeated = [own for own in alike.values() if len(own) > 1]
+    if repeated:
+        told = "; ".join(f"{', '.join(map(str, more))} as {first}" for first, *more in repeated[:LISTED])
+        count = sum(len(own) - 1 for own in repeated)
+        notes.append(
+            f"{count} of {len(chosen.variants)} variants ran the very topology of another one, in which what "
+            f"sets them apart changes nothing, and are told of with it, by number: {told}"
+            f"{'; ...' if len(repeated) > LISTED else ''}."
+        )
+    return {
+        first: _shared([chosen.variants[own] for own in (first, *more)]) for first, *more in alike.values()
+    }
+
+
+def _shared(settings: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return the settings that all have in common."""
+    first, *others = settings
+    return {path: own for path, own in first.items() if all(other[path] == own for other in others)}
 
 
 def _judged(chosen: Chosen, notes: list[str]) -> pa.Table:

@@ -20,15 +20,20 @@ class Group:
     """The rows of some estimators of one variant, under a name of its own.
 
     What the name is made of: the ``title`` of the source, where there are several; the ``settings`` of the
-    variant, by path; and the ``part`` of its estimators. ``variant`` is the number of the source and of its
-    variant, ``nodes`` are the estimators, and ``attacked`` those of them that an attack reached in any trial.
-    ``judged`` holds the rows with the packets that detectors judged, of fewer trials where these are very
-    many. ``document`` is the resolved topology.
+    variant, by path, and the same in a few ``words``; and the ``part`` of its estimators. ``variant`` is the
+    number of the source and of its variant, ``nodes`` are the estimators, and ``attacked`` those of them that
+    an attack reached in any trial. ``judged`` holds the rows with the packets that detectors judged, of fewer
+    trials where these are very many. ``document`` is the resolved topology.
+
+    ``number`` is its place among all groups of the page, from 1. ``is_twin`` tells that it is what another
+    group would have been without its attacks. ``rank`` is its place by its error, from 0, twins after all
+    others: of many groups figures show the first of these before anybody asks for more.
     """
 
     name: str
     title: str
     settings: Mapping[str, str]
+    words: Mapping[str, str]
     part: str
     variant: tuple[int, int]
     rows: Rows
@@ -36,11 +41,14 @@ class Group:
     nodes: Sequence[str]
     attacked: Sequence[str]
     document: Mapping[str, Any]
+    number: int = 0
+    is_twin: bool = False
+    rank: int = 0
 
     @property
     def variant_name(self) -> str:
         """The name of its variant: without the part, unless there is nothing else."""
-        return ", ".join(filter(None, (self.title, *described(self.settings).values()))) or self.part
+        return ", ".join(filter(None, (self.title, *self.words.values()))) or self.part
 
     @property
     def is_apart(self) -> bool:
@@ -89,6 +97,14 @@ class Group:
         own = np.zeros(self.rows.trials, dtype=bool)
         own[self.rows.trial[np.isfinite(self.rows.scalar("divergence_step"))]] = True
         return own
+
+
+def judged_by_expectations(groups: Sequence[Group]) -> list[Group]:
+    """Return the groups that are held to what is expected: all but unattacked twins.
+
+    What a file expects, it expects of the attack; and a twin that errs least says nothing of an estimator.
+    """
+    return [group for group in groups if not group.is_twin]
 
 
 def state_names(groups: Sequence[Group]) -> list[str]:

@@ -13,10 +13,10 @@ from orchestrator.report.group_pieces import (
     first_scope,
     points_trace,
     scopes,
+    seen_first,
     state_choice,
-    visible,
 )
-from orchestrator.report.groups import Group, described, short_names
+from orchestrator.report.groups import Group, short_names
 from orchestrator.report.lines import log_axis, value_axis
 from orchestrator.score.gather import Floats
 
@@ -36,10 +36,10 @@ def swept_figure(groups: Sequence[Group], by: str | None = None) -> Figure | Non
     whatever its values. None where there is none.
     """
     asked = None if by in _PATHS else str(by).removeprefix(SWEPT)
-    paths = [path for path in _swept(groups) if path == asked or (not asked and _is_curve(groups, path))]
+    paths = [path for path in swept_paths(groups) if path == asked or (not asked and _is_curve(groups, path))]
     if not paths:
         return None
-    short = short_names(_swept(groups))
+    short = short_names(swept_paths(groups))
     state, scope = state_choice(groups), scopes(groups)
     views: dict[tuple[str, ...], View] = {
         (path, name, which): _view(groups, path, name, which)
@@ -62,16 +62,17 @@ def swept_figure(groups: Sequence[Group], by: str | None = None) -> Figure | Non
     )
 
 
-def _swept(groups: Sequence[Group]) -> list[str]:
+def swept_paths(groups: Sequence[Group]) -> list[str]:
+    """Return the paths that have several values, in the order of the command line."""
     return list(dict.fromkeys(path for group in groups for path in group.settings))
 
 
-def _values(groups: Sequence[Group], path: str) -> list[str]:
+def values_of(groups: Sequence[Group], path: str) -> list[str]:
     """Return the different values of a path, in the order of the variants."""
     return list(dict.fromkeys(group.settings[path] for group in groups if path in group.settings))
 
 
-def _numbers(values: Sequence[str]) -> Floats | None:
+def as_numbers(values: Sequence[str]) -> Floats | None:
     """Return values as finite numbers, None unless all are."""
     try:
         found = np.array([float(value) for value in values])
@@ -81,21 +82,23 @@ def _numbers(values: Sequence[str]) -> Floats | None:
 
 
 def _is_curve(groups: Sequence[Group], path: str) -> bool:
-    values = _values(groups, path)
-    return len(values) >= FEWEST and _numbers(values) is not None
+    values = values_of(groups, path)
+    return len(values) >= FEWEST and as_numbers(values) is not None
 
 
 def _view(groups: Sequence[Group], path: str, state: str, which: str) -> View:
-    values = _values(groups, path)
-    numbers = _numbers(values)
+    values = values_of(groups, path)
+    numbers = as_numbers(values)
     places = dict(zip(values, np.arange(len(values)) if numbers is None else numbers, strict=True))
     traces: list[Trace] = []
-    for number, (name, own) in enumerate(_lines(groups, path).items()):
+    lines = _lines(groups, path)
+    looks = seen_first([min(group.rank for group in own) for own in lines.values()])
+    for number, ((name, own), look) in enumerate(zip(lines.items(), looks, strict=True)):
         own = [group for group in own if group.of(which).trial.size]
         x = np.array([places[group.settings[path]] for group in own], dtype=np.float64)
         order = np.argsort(x, kind="stable")
         found = [rmse(own[i].of(which), state, own[i].confidence) for i in order]
-        traces.append({**points_trace(x[order], found, name, number), **visible(number)})
+        traces.append({**points_trace(x[order], found, name, number), **look})
     heights = np.concatenate([trace["y"] for trace in traces])
     title, known = f"RMSE of {state}", heights[heights > 0.0]
     y_axis = log_axis(title, [known]) if _is_wide(known) else value_axis(title, rangemode="tozero")
@@ -119,8 +122,7 @@ def _lines(groups: Sequence[Group], path: str) -> dict[str, list[Group]]:
     for group in groups:
         if path not in group.settings:
             continue
-        words = described(group.settings)
-        shown = [group.title, *(word for other, word in words.items() if other != path)]
+        shown = [group.title, *(word for other, word in group.words.items() if other != path)]
         if len(parts) > 1 or not any(shown):
             shown.append(group.part)
         found.setdefault(", ".join(filter(None, shown)), []).append(group)

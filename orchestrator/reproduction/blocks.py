@@ -14,8 +14,9 @@ from orchestrator.report.contents import Block, Figure, Link, Mark, Table, Text,
 from orchestrator.report.group_pieces import band_traces, points_trace
 from orchestrator.report.lines import log_axis, step_axis, value_axis
 from orchestrator.reproduction.claims import CALIBRATION_ERROR, Entry, Points, Value
-from orchestrator.reproduction.judging import Word, word_on
+from orchestrator.reproduction.judging import Word, why_open, word_on
 from orchestrator.reproduction.measuring import (
+    FEWEST,
     Found,
     Results,
     calibration_of,
@@ -81,7 +82,8 @@ def _value_table(entry: Entry, results: Results, words: Counter[Word]) -> Table:
         word = word_on(value, found)
         words[word] += 1
         ours = (interval(found.number), _range(found), f"{found.trials:,}", _statistic(value))
-        verdict = Mark(word.value, TONES[word])
+        why = why_open(value, found) if word is Word.OPEN else ""
+        verdict = Mark(f"{word.value}: {why}" if why else word.value, TONES[word])
         beside = (_paper(value), ours[0], verdict, *ours[1:]) if is_compared else ours
         rows.append((value.label, *beside))
     more = ("single runs", "trials", "over trials")
@@ -125,7 +127,7 @@ def _curves(entry: Entry, name: str, results: Results) -> Figure:
         f"{entry.name}: over the steps",
         {(): View(traces)},
         layout,
-        text="Over all trials, with 95 % bootstrap bands.",
+        text=f"Over all trials, with 95 % bootstrap bands where there are {FEWEST} trials or more.",
         height=360,
     )
 
@@ -143,7 +145,7 @@ def _points_figure(entry: Entry, name: str, at: Sequence[tuple[Floats, list[Foun
         f"{entry.name}: over {x_title}",
         {(): View(traces)},
         {"xaxis": x_axis, "yaxis": _axes(entry, heights)},
-        text="Each point with its 95 % interval over trials.",
+        text=f"Each point with its 95 % interval over trials, where there are {FEWEST} or more.",
         height=360,
     )
 

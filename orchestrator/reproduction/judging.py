@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from enum import Enum
 
-from orchestrator.reproduction.claims import Value
-from orchestrator.reproduction.measuring import Found
+from orchestrator.reproduction.claims import CALIBRATION_ERROR, Value
+from orchestrator.reproduction.measuring import FEWEST, RANGED, Found
 
 
 class Word(Enum):
@@ -26,20 +26,36 @@ def word_on(value: Value, found: Found) -> Word:
 
     A claim with bounds holds when the whole interval is within them. A number agrees when our interval holds
     it, and is as one run of ours when it lies where most single trials do: papers tend to show one run. Of
-    too few trials for an interval nothing else is said.
+    too few trials nothing else is said, unless the largest of them is beyond a bound already.
     """
     if math.isnan(found.number.value):
         return Word.NOTHING
     if value.at_most is not None or value.at_least is not None:
-        return _on_bounds(value, found)
-    if isinstance(value.paper, int | float):
-        if found.number.holds(value.paper):
-            return Word.AGREES
-        low, high = found.range
-        if low <= value.paper <= high:
-            return Word.AS_ONE_RUN
-        return Word.OPEN if math.isnan(found.number.low) and value.statistic != "max" else Word.DIFFERS
-    return Word.NOTHING
+        word = _on_bounds(value, found)
+        settled = value.statistic == "max" and word is Word.FAILS and value.at_most is not None
+        return word if found.trials >= FEWEST or settled else Word.OPEN
+    if not isinstance(value.paper, int | float):
+        return Word.NOTHING
+    if found.trials >= FEWEST and found.number.holds(value.paper):
+        return Word.AGREES
+    low, high = found.range
+    if low <= value.paper <= high:
+        return Word.AS_ONE_RUN
+    has_interval = not math.isnan(found.number.low) or value.statistic == "max"
+    return Word.DIFFERS if has_interval and found.trials >= _needed(value) else Word.OPEN
+
+
+def why_open(value: Value, found: Found) -> str:
+    """Return how many trials a claim needs that is open for want of trials, or nothing."""
+    needed = _needed(value)
+    return f"fewer than {needed} trials" if found.trials < needed else ""
+
+
+def _needed(value: Value) -> int:
+    """Return the fewest trials for a verdict: a number may also be as one run, which takes more to tell."""
+    bounded = value.at_most is not None or value.at_least is not None
+    has_no_range = value.statistic in ("share", CALIBRATION_ERROR)
+    return FEWEST if bounded or has_no_range else RANGED
 
 
 def _on_bounds(value: Value, found: Found) -> Word:

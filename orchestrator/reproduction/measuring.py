@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from orchestrator.evidence.bootstrap import Band, bootstrap, pooled, root_mean_square
+from orchestrator.evidence.bootstrap import Band
 from orchestrator.evidence.calibration import HAPPENED, STATED, Calibration, attack_calibration
 from orchestrator.evidence.columns import Rows, select
 from orchestrator.evidence.figures import mean_curve, rmse_curve
-from orchestrator.evidence.intervals import Interval, median_of_trials, only, share
+from orchestrator.evidence.intervals import Interval, mean_of_trials, median_of_trials, only, share
+from orchestrator.evidence.rates import with_unseen
 from orchestrator.evidence.samples import by_trial
 from orchestrator.evidence.sources import Source, load_source
 from orchestrator.evidence.table import SWEPT
@@ -23,17 +24,49 @@ from orchestrator.reproduction.errors import ReproduceError
 from orchestrator.score.gather import Floats
 from orchestrator.topology.names import select as select_names
 
+FEWEST = 6
+"""Fewest trials of which there is an interval: of fewer a median has none, and a mean's says next to nothing.
+
+In 1,500 simulated campaigns each, Student's interval of a mean held in 95 % with any number of trials where
+these are normal, and in 88 to 92 % with 5 to 20 where they are exponential. The bootstrap's (BCa) held in 51,
+72, 85 and 90 % with 2, 3, 5 and 10 normal ones.
+"""
+
+RANGED = 10
+"""Fewest trials of which most single runs are told: of fewer, 5 and 95 % are the extremes of chance."""
+
+ENOUGH = 20
+"""Trials from which on what is resampled, such as the bands of curves, holds nearly as often as it says."""
+
+SHARES = frozenset(
+    {
+        *("detector.recall", "detector.precision", "detector.false_alarm_rate", "packets.lost_share"),
+        *(
+            "attack.probability_on",
+            "attack.probability_off",
+            "bound.outside",
+            "bound.guaranteed",
+            "sent_rate",
+        ),
+    }
+)
+"""Metrics of which every trial's value is a share."""
+
 _MIDDLE = (0.05, 0.95)
 """The single trials between which most lie."""
 
 _NOWHERE = (math.nan, math.nan)
+
+_MOST_LOG = 700.0
+"""Largest logarithm of a number."""
 
 
 @dataclass(frozen=True)
 class Found:
     """A number over trials with its interval, and the range of the single trials' own (5 to 95 %).
 
-    The range is NaN for what no single trial has, such as a share of trials.
+    The interval is NaN for fewer than `FEWEST` trials; the range for fewer than `RANGED`, and for what no
+    single trial has, such as a share of trials.
     """
 
     number: Interval
@@ -88,8 +121,10 @@ def _found(results: Results, part: Value | Points) -> Found:
     """Return the statistic of a metric in the place that a part names."""
     if part.statistic == CALIBRATION_ERROR:
         told = calibration_of(results, part)
-        return Found(told.error, _NOWHERE, told.trials)
-    return over_trials(by_trial(results.rows(part), part.metric), part.statistic, part.above)
+        known = told.error if told.trials >= FEWEST else Interval(told.error.value, *_NOWHERE)
+        return Found(known, _NOWHERE, told.trials)
+    values = by_trial(results.rows(part), part.metric)
+    return over_trials(values, part.statistic, part.above, is_share=part.metric in SHARES)
 
 
 def calibration_of(results: Results, part: Value | Points) -> Calibration:
@@ -97,27 +132,55 @@ def calibration_of(results: Results, part: Value | Points) -> Calibration:
     return attack_calibration(results.rows(part), results.from_step(part))
 
 
-def over_trials(values: Floats, statistic: Statistic, above: float = 0.0) -> Found:
-    """Return a statistic of values (T,), one a trial; undefined ones, NaN, are left out."""
+def over_trials(values: Floats, statistic: Statistic, above: float = 0.0, *, is_share: bool = False) -> Found:
+    """Return a statistic of values (T,), one a trial; undefined ones, NaN, are left out.
+
+    ``is_share`` tells that each value is between 0 and 1, so that its mean is. Where all trials are alike the
+    interval of that mean leaves room for those that no trial shows.
+    """
     known = values[~np.isnan(values)]
     if not known.size:
         return Found(Interval(math.nan, math.nan, math.nan), _NOWHERE, 0)
     if statistic == "share":
         return Found(share(int(np.sum(known > above)), known.size), _NOWHERE, known.size)
+    found = _STATISTICS[statistic](known)
+    if is_share and statistic == "mean":
+        found = _of_shares(found, known.size)
+    if known.size < FEWEST:
+        found = Interval(found.value, *_NOWHERE)
+    if known.size < RANGED:
+        return Found(found, _NOWHERE, known.size)
     low, high = (float(np.quantile(known, q, method="closest_observation")) for q in _MIDDLE)
-    return Found(_STATISTICS[statistic](known), (low, high), known.size)
+    return Found(found, (low, high), known.size)
 
 
 def _mean(known: Floats) -> Interval:
     if not np.isfinite(known).all():
         return Interval(math.inf, math.nan, math.nan)
-    return only(bootstrap(pooled(known[:, None], np.ones((known.size, 1))), known.size))
+    return mean_of_trials(known)
+
+
+def _of_shares(mean: Interval, trials: int) -> Interval:
+    """Return the interval of a mean of shares, within 0 and 1, with a width where all trials are alike."""
+    sides = (np.array([side]) for side in (mean.value, mean.low, mean.high))
+    found = only(with_unseen(Band(*sides), np.array([trials])))
+    return Interval(found.value, max(found.low, 0.0), min(found.high, 1.0))
 
 
 def _rms(known: Floats) -> Interval:
+    """Return the root mean square, and Student's interval of the logarithm of the mean square.
+
+    Squares are skewed: on their own scale the interval of a lognormal law (sigma 0.5) held in 81 to 85 % of
+    the campaigns of 5 to 20 trials, of the logarithm in 88 to 90 %, and of a normal law in 95 % either way.
+    """
     if not np.isfinite(known).all():
         return Interval(math.inf, math.nan, math.nan)
-    return only(bootstrap(root_mean_square(known[:, None]), known.size))
+    square = mean_of_trials(known**2)
+    root = math.sqrt(square.value)
+    if not square.value > 0.0:
+        return Interval(root, root, root)
+    stretch = math.exp(min((square.high - square.value) / square.value, _MOST_LOG) / 2.0)
+    return Interval(root, root / stretch, root * stretch)
 
 
 def _largest(known: Floats) -> Interval:
@@ -133,11 +196,14 @@ _STATISTICS: Mapping[Statistic, Callable[[Floats], Interval]] = {
 
 
 def series(results: Results, curve: Curve) -> Band:
-    """Return a list column by step, over trials."""
+    """Return a list column by step, over trials; there is no band for fewer than `FEWEST`."""
     rows = results.rows(curve)
     if curve.metric.startswith("error."):
-        return rmse_curve(rows, curve.metric.removeprefix("error."))
-    return mean_curve(rows, curve.metric, root=curve.metric == "attack_error")
+        found = rmse_curve(rows, curve.metric.removeprefix("error."))
+    else:
+        found = mean_curve(rows, curve.metric, root=curve.metric == "attack_error")
+    nowhere = np.full(found.value.shape, np.nan)
+    return found if rows.trials >= FEWEST else Band(found.value, nowhere, nowhere)
 
 
 def over_what_varies(results: Results, points: Points) -> tuple[Floats, list[Found]]:

@@ -13,7 +13,7 @@ from orchestrator.reproduction.blocks import blocks_of
 from orchestrator.reproduction.claims import Entry
 from orchestrator.reproduction.judging import Word
 from orchestrator.reproduction.listing import Listed, Listing
-from orchestrator.reproduction.measuring import Results
+from orchestrator.reproduction.measuring import ENOUGH, FEWEST, RANGED, Results
 
 REPORT = "report.html"
 INDEX = "index.html"
@@ -45,14 +45,27 @@ def paper_page(listing: Listing) -> Page:
         title=listing.title,
         kind="Reproduction",
         word="PARTLY FAILED" if failed else "DONE",
-        tone="warn" if failed else "plain",
+        tone="warn" if failed or _warnings(listing) else "plain",
         headline=_headline(words, len(shown), failed),
         facts="Numbers in brackets are 95 % intervals over trials. Most single runs lie in the range beside "
         "them, from 5 to 95 % of the trials"
         + (": a paper that shows one run shows one of these." if _is_compared(words) else "."),
         tiles=_tiles(listing, words, len(shown), len(absent)),
         sections=sections,
+        warnings=_warnings(listing),
     )
+
+
+def _warnings(listing: Listing) -> list[str]:
+    """Return what a page of few trials must not be taken for."""
+    fewest = min((len(own.campaign.trials) for own in listing.campaigns), default=ENOUGH)
+    if fewest >= ENOUGH:
+        return []
+    return [
+        f"Few trials: a campaign has {fewest}. Below {FEWEST} there are no intervals and no verdicts, "
+        f"below {RANGED} no range of single runs, and below {ENOUGH} bands of curves are too narrow. "
+        f"Ask for {ENOUGH} or more."
+    ]
 
 
 def _absent(entry: Entry, listing: Listing) -> str:

@@ -45,7 +45,7 @@ trials = 6
 
 [lossy]
 file = "small.yaml"
-trials = 3
+trials = 6
 set = ["channel...failure=0.4,0.05"]
 
 [[figure]]
@@ -183,7 +183,7 @@ def test_numbers_on_the_page_are_those_of_the_results(finished: tuple[Path, dict
         for row in table_of(home.folder / "all" / "lossy").to_pylist()
         if row["set.channel...failure"] == "0.05"
     ]
-    by_trial = np.sqrt(np.mean(np.square(np.reshape(of_first, (3, 3))), axis=1))
+    by_trial = np.sqrt(np.mean(np.square(np.reshape(of_first, (6, 3))), axis=1))
     assert points[0].number.value == pytest.approx(np.median(by_trial))
     errors = [
         row["error.position"]
@@ -219,6 +219,32 @@ def test_the_page_speaks_of_the_paper_only_where_something_is_set_beside_it(
     assert alone.headline == "2 figures, tables and claims regenerated."
     assert [tile.name for tile in alone.tiles] == ["Campaigns", "Trials", "Figures and tables"]
     assert "paper" not in alone.facts
+
+
+def test_a_page_of_few_trials_says_at_its_head_what_that_leaves_open(
+    finished: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, _ = finished
+    listing = read_listing(folder, folder / "all")
+    page = paper_page(listing)
+    assert page.tone == "warn"
+    assert page.warnings == [
+        "Few trials: a campaign has 6. Below 6 there are no intervals and no verdicts, below 10 no "
+        "range of single runs, and below 20 bands of curves are too narrow. Ask for 20 or more."
+    ]
+    verdicts = {row[0]: row[3].text for row in page.sections[1].blocks[0].rows}
+    assert verdicts["one node"] == "open: fewer than 10 trials"
+    assert verdicts["over itself"] == "holds"
+
+
+def test_a_curve_of_too_few_trials_has_no_band(home: Home) -> None:
+    (home.folder / "reproduce.toml").write_text(FIGURES)
+    done = home.command("reproduce", ".", "--trials", "3", "--out", "all", "--no-reports")
+    assert done.returncode == 0, done.stderr
+    curve = read_listing(home.folder).entries[1].curves[0]
+    found = series(Results({"plain": home.folder / "all" / "plain"}), curve)
+    assert np.isfinite(found.value).all()
+    assert np.isnan([found.low, found.high]).all()
 
 
 def test_what_only_leaves_out_is_said_instead_of_shown(home: Home) -> None:

@@ -380,6 +380,14 @@ def test_the_page_of_a_campaign_draws_and_can_be_read(browser: Browser, campaign
         assert look.empty_plots() == []
 
 
+def test_a_page_of_few_trials_does_not_promise_what_resampling_does_not_keep(
+    campaign: Path, campaign_page: Page, tmp_path: Path
+) -> None:
+    assert "Of 3 trials, those that are resampled (RMSE, bands) hold less often: " in campaign_page.facts
+    request = Request(campaign.parent / "swept.yaml", 20, overrides=("steps=20",), out=tmp_path / "out")
+    assert "resampled" not in page_for([sweep(prepare(request), QuietProgress())]).facts
+
+
 def test_an_empty_source_is_refused_with_its_place(campaign: Path) -> None:
     source = load_source(campaign)
 

@@ -24,7 +24,7 @@ TOPOLOGY = Path(__file__).parents[3] / "topologies" / "forti2019" / "calibration
 LIST = f"""
 [sure]
 file = "{TOPOLOGY}"
-trials = 4
+trials = 6
 set = ["expect=null", "steps=50"]
 
 [[figure]]
@@ -49,9 +49,11 @@ def test_it_is_that_of_the_evidence_from_the_first_step_that_counts_on(tmp_path:
     expected = {
         node: attack_calibration(select(table, variant=0, nodes=[node]), 10).error for node in ("e1", "e2")
     }
-    assert (found.number, found.trials) == (expected["e1"], 4)
+    assert (found.number, found.trials) == (expected["e1"], 6)
     assert word_on(entry.values[0], found) is Word.HOLDS
-    assert word_on(Value(label="x", paper=0.9), found) is Word.DIFFERS, "no single trial has such a value"
+    assert word_on(Value(label="x", paper=0.9, statistic="calibration_error"), found) is Word.DIFFERS, (
+        "no single trial has such a value"
+    )
     _, figure, *_ = blocks_of(entry, "own", results, Counter())
     assert isinstance(figure, Figure)
     assert figure.name == "own-reliability"
