@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -20,6 +21,7 @@ from orchestrator.campaign.directory import (
 )
 from orchestrator.campaign.grid import Variant, lay_grid
 from orchestrator.campaign.results import finished_trials, write_results
+from orchestrator.campaign.user_code import code_of
 from orchestrator.campaign.variants import LoadedVariant, load_variants
 from orchestrator.campaign.workers import LocalWorkers
 from orchestrator.errors import InputError
@@ -94,6 +96,11 @@ class Campaign:
         found = (warning for own in self.variants for warning in own.topology.warnings)
         return list(dict.fromkeys(found))
 
+    @cached_property
+    def code(self) -> dict[str, str]:
+        """What is known of the code of a user's own that any variant runs; see `code_of`."""
+        return code_of(own.topology.plan for own in self.variants)
+
     def schema(self) -> pa.Schema:
         """Return the columns of the results: those of every variant."""
         groups = {group for own in self.variants for group in own.topology.state_groups}
@@ -113,6 +120,7 @@ class Campaign:
             "overrides": list(self.request.overrides),
             "swept": swept,
             "variants": [dict(own) for own in settings],
+            "code": self.code,
             "topology_hashes": [own.topology.hash for own in self.variants],
             "versions": versions(),
         }

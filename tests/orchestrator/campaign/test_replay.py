@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from orchestrator import exit_codes
 from tests.orchestrator.campaign.conftest import Home, table_of
 
 GRID = "channel...failure=0.05,0.4"
@@ -29,7 +31,10 @@ def test_a_score_that_is_not_that_of_the_row_is_told(home: Home) -> None:
     out, _ = home.sweep("out", 1)
     _with_another_rmse(out / "results.parquet")
     done = home.command("replay", "out", "--trial", "0", "--backend", "inprocess", "--out", "run")
-    assert "NOT that of the campaign (rmse.position)" in done.stderr
+    assert "NOT that of the campaign (rmse.position): are the versions" in done.stderr
+    assert done.returncode == exit_codes.EXPECTATION_FAILED
+    told = home.command("replay", "out", "--trial", "0", "--backend", "inprocess", "--json").stdout
+    assert json.loads(told)["campaign"]["same_score"] is False
 
 
 def _with_another_rmse(results: Path) -> None:
