@@ -58,6 +58,11 @@ class Moody:
                 raise ValueError("not today")
             if self.temper == "hang":
                 time.sleep(1000.0)
+            if self.temper.startswith("fork") and os.fork() == 0:
+                time.sleep(60.0)
+                os._exit(0)
+            if self.temper == "fork and hang":
+                time.sleep(1000.0)
             os.kill(os.getpid(), signal.SIGKILL)
 
     def exchange(self, step, round_, packets): ...

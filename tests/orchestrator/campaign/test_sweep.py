@@ -318,6 +318,45 @@ def test_a_trial_that_hangs_is_given_up_and_the_others_are_not(home: Home) -> No
     assert set(failed["message"].to_pylist()) == {"it took longer than 4 s, twice; see --trial-timeout"}
 
 
+@pytest.mark.parametrize(
+    ("temper", "message"),
+    [
+        ("fork", "its worker was ended twice by SIGKILL (out of memory?)"),
+        ("fork and hang", "it took longer than 3 s, twice; see --trial-timeout"),
+    ],
+)
+def test_the_end_of_a_worker_is_noticed_and_ends_what_its_trial_forked(
+    home: Home, temper: str, message: str
+) -> None:
+    begun = time.monotonic()
+    moody = f"estimators.e1={{method: ./moody.py:Moody, temper: {temper}}}"
+    out, heard = home.sweep("out", 4, moody, workers=2, trial_timeout_s=3.0)
+    assert time.monotonic() - begun < 45.0  # what was forked lives for a minute
+    wait_until(lambda: not workers_of(out), "nothing that holds the workers' logs open is left")
+    failed = table_of(out).filter(pc.equal(table_of(out)["status"], "failed"))
+    assert set(failed["message"].to_pylist()) == {message}
+    assert 0 < failed.num_rows == heard.failed < 4
+
+
+def test_what_a_trial_forked_does_not_outlive_a_sweep_that_was_killed(home: Home) -> None:
+    moody = "estimators.e1={method: ./moody.py:Moody, temper: fork and hang}"
+    process = subprocess.Popen(
+        [*COMMAND, "sweep", "small.yaml", "--trials", "8", "-j", "2", "--out", "out", "--set", moody],
+        cwd=home.folder,
+        env=environment(),
+        stderr=subprocess.DEVNULL,
+    )
+    out = home.folder / "out"
+    try:
+        wait_until(lambda: len(workers_of(out)) > 2, "a trial has forked")
+    finally:
+        process.kill()
+        process.wait(PATIENCE_S)
+    begun = time.monotonic()
+    wait_until(lambda: not workers_of(out), "nothing is left")
+    assert time.monotonic() - begun < 20.0  # what was forked lives for a minute
+
+
 def test_ctrl_c_leaves_what_can_go_on_and_no_process(home: Home) -> None:
     arguments = ["sweep", "small.yaml", "--trials", "400", "-j", "2", "--out", "out"]
     process = subprocess.Popen(
