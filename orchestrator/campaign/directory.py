@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from orchestrator.backends.contract import RunFailedError
 from orchestrator.campaign.differences import differences
 from orchestrator.errors import InputError
-from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES, topology_file
+from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES, campaign_facts, topology_file
 
 SHARDS = "shards"
 TIMING = "timing.parquet"
@@ -138,12 +138,13 @@ class CampaignDirectory:
 def read_facts(directory: Path) -> dict[str, Any] | None:
     """Return what ``campaign.json`` says, None when there is none."""
     try:
-        facts: dict[str, Any] = json.loads((directory / CAMPAIGN).read_bytes())
+        return campaign_facts((directory / CAMPAIGN).read_bytes())
     except (FileNotFoundError, NotADirectoryError):
         return None
-    except ValueError as error:
-        raise CampaignError(f"{directory / CAMPAIGN} is damaged: {error}; choose another --out") from error
-    return facts
+    except (OSError, ValueError) as error:
+        raise CampaignError(
+            f"{directory} is a damaged campaign ({error}); give its 'gauntlet sweep' again with another --out"
+        ) from error
 
 
 @contextmanager

@@ -29,6 +29,7 @@ from orchestrator.evidence.rows import FAILED
 from orchestrator.evidence.table import require_pyarrow, schema
 from orchestrator.log.provenance import versions
 from orchestrator.topology.problems import Problem
+from orchestrator.topology.schema import LARGEST_TRIAL
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -141,6 +142,10 @@ class Progress(Protocol):
 def prepare(request: Request) -> Campaign:
     """Return a campaign whose variants are all in order; raises `InputError` with everything that is not."""
     require_pyarrow()
+    last = request.first_trial + request.trials - 1
+    if last > LARGEST_TRIAL:
+        cure = "give a smaller --first-trial or fewer --trials"
+        raise InputError(f"the last trial would be {last}, and the largest is {LARGEST_TRIAL}; {cure}")
     variants: Sequence[Variant] = lay_grid(request.overrides, request.twins)
     loaded = load_variants(request.file, variants, request.seed, request.first_trial)
     if request.twins and all(one.topology.hash == two.topology.hash for one, two in pairwise(loaded)):

@@ -215,6 +215,40 @@ def test_a_changed_topology_or_version_is_refused_with_what_has_changed(home: Ho
         home.sweep("out", 2)
 
 
+@pytest.mark.parametrize("content", ["[]", "{}", "null", '{"name": "small"}', "{"])
+def test_damaged_facts_are_told_by_every_command_with_the_cure(home: Home, content: str) -> None:
+    out, _ = home.sweep("out", 1)
+    (out / "campaign.json").write_text(content)
+    replay = ("replay", "out", "--trial", "0")
+    for arguments in (("sweep", "small.yaml", "--trials", "1", "--out", "out"), replay, ("compare", "out")):
+        done = home.command(*arguments)
+        assert done.returncode == exit_codes.BAD_INPUT
+        assert done.stderr.startswith("gauntlet: out is a damaged campaign (")
+        assert "give its 'gauntlet sweep' again with another --out" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("first", "trials", "told"),
+    [
+        (2**31 - 2, 3, "the last trial would be 2147483648, and the largest is 2147483647"),
+        (2**40, 1, "largest"),
+    ],
+)
+def test_trials_beyond_what_results_can_hold_are_refused(
+    home: Home, first: int, trials: int, told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        home.sweep("out", trials, first_trial=first)
+    assert not (home.folder / "out").exists()
+
+
+def test_the_largest_trial_has_its_row(home: Home) -> None:
+    out, _ = home.sweep("out", 1, first_trial=2**31 - 1)
+    assert set(table_of(out)["trial"].to_pylist()) == {2**31 - 1}
+    with pytest.raises(InputError, match="must be at most 2147483647"):
+        load_topology(home.folder / "small.yaml", trial=2**31)
+
+
 def test_damaged_results_are_told_with_a_cure_that_works(home: Home) -> None:
     out, _ = home.sweep("out", 2)
     results = out / "results.parquet"
