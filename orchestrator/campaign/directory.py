@@ -11,14 +11,14 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from orchestrator.backends.contract import RunFailedError
 from orchestrator.campaign.differences import differences
 from orchestrator.errors import InputError
-from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES, campaign_facts, topology_file
+from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES, campaign_facts, topology_file, trials_there
 
 SHARDS = "shards"
 TIMING = "timing.parquet"
@@ -128,11 +128,14 @@ class CampaignDirectory:
         name = f"{variant:05d}-{trials[0]:07d}-{trials[-1]:07d}.arrows"
         write_whole(self.path / SHARDS / name, content)
 
-    def remove_shards(self) -> None:
-        """Remove what a whole results file makes superfluous."""
+    def remove_shards(self, trials: range) -> None:
+        """Remove what a results file of these trials makes superfluous; later ones stay for a longer one."""
+        kept = {shard.path for shard in self.shards() if shard.last not in trials}
         for file in (self.path / SHARDS).iterdir():
-            file.unlink()
-        (self.path / SHARDS).rmdir()
+            if file not in kept:
+                file.unlink()
+        if not kept:
+            (self.path / SHARDS).rmdir()
 
 
 def read_facts(directory: Path) -> dict[str, Any] | None:
@@ -186,7 +189,12 @@ def _check_same(path: Path, held: Mapping[str, Any], asked: Mapping[str, Any]) -
                 ]
             )
         )
-    if asked["trials"] < held["trials"]:
+    import pyarrow as pa
+
+    there = 0
+    with suppress(pa.ArrowException, OSError):  # those that are damaged are told when their rows are read
+        there = trials_there(path, held["first_trial"])
+    if asked["trials"] < there:
         raise CampaignError(
-            f"{path} holds a campaign of {held['trials']} trials; ask for as many or more to go on with it"
+            f"{path} holds the results of {there} trials; ask for as many or more to go on with it"
         )

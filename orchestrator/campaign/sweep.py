@@ -176,8 +176,8 @@ def sweep(campaign: Campaign, progress: Progress) -> Path:
                     progress.advance(len(work.trials), _failed(answer))
         shards = directory.shards()
         if shards:
-            write_results(path, shards, campaign.schema())
-        directory.remove_shards()
+            write_results(path, shards, campaign.schema(), campaign.trials)
+        directory.remove_shards(campaign.trials)
     return path
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from pathlib import Path
 from orchestrator.backends import fork_server
 from orchestrator.campaign.agenda import Agenda
 from orchestrator.campaign.block import Work, failed_block
+from orchestrator.campaign.failures import ended, too_long
 from orchestrator.campaign.worker_process import WorkerEndedError, WorkerProcess
 
 _GRACE_S = 2.0
@@ -138,12 +138,7 @@ class LocalWorkers:
         code = worker.process.end(_GRACE_S)
         was_late = worker.is_late
         worker.process, worker.is_late = self._start(worker.name), False
-        if was_late:
-            return f"it took longer than {self._patience_s:g} s, twice; see --trial-timeout"
-        if code < 0:
-            cause = " (out of memory?)" if -code == signal.SIGKILL else ""
-            return f"its worker was ended twice by {signal.Signals(-code).name}{cause}"
-        return f"its worker ended twice, at last with exit code {code}; see its log in 'workers'"
+        return too_long(self._patience_s) if was_late else ended(code)
 
     def _start(self, name: str) -> WorkerProcess:
         return WorkerProcess(name, self._log_dir / f"{name}.log")

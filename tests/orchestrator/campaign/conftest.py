@@ -37,9 +37,12 @@ MOODY = '''
 import os
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 from nodes.contract import Belief
+
+BUSY = Path(__file__).with_name("busy")
 
 
 class Moody:
@@ -53,10 +56,10 @@ class Moody:
         self.is_bad = setting.rng.random() < 0.3
 
     def correct(self, step, packets):
-        if step == 3 and self.is_bad:
+        if step == 3 and self.is_bad and not (self.temper.endswith("while busy") and not BUSY.exists()):
             if self.temper == "raise":
                 raise ValueError("not today")
-            if self.temper == "hang":
+            if self.temper.startswith("hang"):
                 time.sleep(1000.0)
             if self.temper.startswith("fork") and os.fork() == 0:
                 time.sleep(60.0)

@@ -134,8 +134,60 @@ def test_more_trials_extend_a_campaign_as_if_they_had_been_asked_for_at_once(hom
     again, heard = home.sweep("grown", 6, GRID)
     assert (heard.done, heard.finished) == (12, [])
     assert same_bytes(whole, again)
-    with pytest.raises(CampaignError, match="campaign of 6 trials"):
+    with pytest.raises(CampaignError, match="holds the results of 6 trials; ask for as many or more"):
         home.sweep("grown", 5, GRID)
+
+
+def test_a_campaign_that_was_to_be_too_long_is_closed_at_what_its_results_hold(home: Home) -> None:
+    whole, _ = home.sweep("whole", 6, GRID)
+    out, _ = home.sweep("out", 6, GRID)
+    _killed_while_it_goes_on(home, "out", "2000", GRID)
+    assert facts_of(out)["trials"] == 2000
+    told = home.command("compare", "out", "--by", "variant")
+    assert "note: out: 6 of 2000 trials are there; give its 'gauntlet sweep' again to go on" in told.stderr
+    assert home.command("report", "out", "--out", "page.html").returncode == 0
+    assert "6 of 2000 trials are there" in (home.folder / "page.html").read_text()
+    assert load_source(out).provenance["trials"] == 6
+    closed, heard = home.sweep("out", 6, GRID)
+    assert (heard.done, heard.finished) == (12, [])
+    assert facts_of(closed)["trials"] == 6
+    assert load_source(closed).unfinished == ()
+    assert same_bytes(whole, closed)
+
+
+def test_one_that_never_had_results_is_closed_early_and_loses_no_trial_that_is_done(home: Home) -> None:
+    whole, _ = home.sweep("whole", 5, GRID)
+    longer, _ = home.sweep("longer", 12, GRID)
+    _killed_while_it_goes_on(home, "out", "2000", GRID)
+    out, heard = home.sweep("out", 5, GRID)
+    assert heard.done >= 5  # of the first variant, which comes first
+    assert same_bytes(whole, out)
+    kept = list(out.glob("shards/*.arrows"))
+    assert kept
+    again, heard = home.sweep("out", 12, GRID)
+    assert heard.done > 10
+    assert same_bytes(longer, again)
+
+
+def _killed_while_it_goes_on(home: Home, out: str, trials: str, *overrides: str) -> None:
+    """Ask for many trials and kill the sweep after some dozen of them."""
+    options = [text for override in overrides for text in ("--set", override)]
+    process = subprocess.Popen(
+        [*COMMAND, "sweep", "small.yaml", "--trials", trials, "-j", "2", "--out", out, *options],
+        cwd=home.folder,
+        env=environment(),
+        stderr=subprocess.DEVNULL,
+    )
+    shards = home.folder / out / "shards"
+    try:
+        wait_until(
+            lambda: any(int(own.stem.split("-")[2]) >= 12 for own in shards.glob("*.arrows")),
+            "there are shards beyond the first dozen of trials",
+        )
+    finally:
+        process.kill()
+        process.wait(PATIENCE_S)
+    wait_until(lambda: not workers_of(home.folder / out), "the workers have followed their parent")
 
 
 def test_trials_may_begin_anywhere(home: Home) -> None:
@@ -389,6 +441,53 @@ def test_what_a_trial_forked_does_not_outlive_a_sweep_that_was_killed(home: Home
     begun = time.monotonic()
     wait_until(lambda: not workers_of(out), "nothing is left")
     assert time.monotonic() - begun < 20.0  # what was forked lives for a minute
+
+
+@pytest.mark.parametrize(("temper", "patience_s"), [("hang while busy", 5.0), ("kill while busy", 60.0)])
+def test_trials_that_the_machine_lost_are_tried_anew_and_the_results_are_as_if_none_had_been(
+    home: Home, temper: str, patience_s: float
+) -> None:
+    moody = f"estimators.e1={{method: ./moody.py:Moody, temper: {temper}}}"
+    whole, heard = home.sweep("whole", 6, moody, workers=2)
+    assert not heard.failed
+    (home.folder / "busy").touch()
+    _, heard = home.sweep("out", 6, moody, workers=2, trial_timeout_s=patience_s)
+    assert 0 < heard.failed < 6
+    lost = heard.failed
+    _, heard = home.sweep("out", 6, moody, workers=2, trial_timeout_s=patience_s)
+    assert (heard.done, sum(heard.finished), heard.failed) == (6 - lost, lost, lost)
+    (home.folder / "busy").unlink()
+    out, heard = home.sweep("out", 6, moody, workers=2)
+    assert (heard.done, sum(heard.finished), heard.failed) == (6 - lost, lost, 0)
+    assert same_bytes(whole, out)
+
+
+def test_a_lost_trial_of_a_sweep_that_was_killed_is_tried_anew(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moody = "estimators.e1={method: ./moody.py:Moody, temper: kill while busy}"
+    whole, _ = home.sweep("whole", 6, moody, workers=2)
+    (home.folder / "busy").touch()
+    with monkeypatch.context() as patched:
+        patched.setattr("orchestrator.campaign.sweep.write_results", _killed)
+        with pytest.raises(KeyboardInterrupt):
+            home.sweep("out", 6, moody, workers=2)
+    (home.folder / "busy").unlink()
+    out, heard = home.sweep("out", 6, moody, workers=2)
+    assert 0 < sum(heard.finished) < 6
+    assert same_bytes(whole, out)
+
+
+def _killed(*_: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def test_trials_whose_code_failed_are_not_tried_anew(home: Home) -> None:
+    moody = "estimators.e1={method: ./moody.py:Moody, temper: raise}"
+    _, heard = home.sweep("out", 6, moody, workers=2)
+    assert heard.failed
+    _, heard = home.sweep("out", 6, moody, workers=2)
+    assert (heard.done, heard.finished) == (6, [])
 
 
 def test_ctrl_c_leaves_what_can_go_on_and_no_process(home: Home) -> None:
