@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from bus.plan import Plan
 from orchestrator.campaign.trial import TrialTiming, run_trial
+from orchestrator.campaign.user_code import code_of
 from orchestrator.evidence.rows import Row, failed_row
 from orchestrator.evidence.table import schema, swept_columns, table
 from orchestrator.topology.resolved import Topology
@@ -58,6 +59,17 @@ class Work:
 def _unpacked(packed: bytes) -> tuple[Plan, Topology]:
     plan, logged = pickle.loads(packed)
     return plan, logged
+
+
+def code_of_block(work: Work) -> Mapping[str, str]:
+    """Return what is known here of the code of a user's own that a block runs, which is loaded."""
+    return _code_of(work.packed)
+
+
+@functools.lru_cache(maxsize=4)
+def _code_of(packed: bytes) -> Mapping[str, str]:
+    plan, _ = _unpacked(packed)
+    return code_of([plan])
 
 
 def shard_schema(groups: Sequence[str], swept: Sequence[str]) -> pa.Schema:

@@ -25,6 +25,11 @@ def ended(exit_code: int) -> str:
     return f"{_WORKER}ended twice, at last with exit code {exit_code}; see its log in 'workers'"
 
 
+def ended_on_cluster() -> str:
+    """Return what is said of a trial that a Dask cluster gave up, as several of its workers ended with it."""
+    return f"{_WORKER}of the Dask cluster ended, time and again"
+
+
 def is_lost(message: str | None) -> bool:
     """Return whether the message of a row is that of a lost trial; a node's begins with its name."""
     return message is not None and message.startswith((_TOO_LONG, _WORKER))

@@ -186,9 +186,10 @@ def _workers(campaign: Campaign, log_dir: Path) -> AbstractContextManager[Worker
     if request.dask is not None:
         from orchestrator.campaign.dask_workers import DaskWorkers
 
-        return DaskWorkers(request.dask)
+        return DaskWorkers(request.dask, log_dir, request.trial_timeout_s, campaign.code)
     modules = {name for own in campaign.variants for name in kind_modules(own.topology.plan)}
-    return LocalWorkers(request.workers, modules, log_dir, request.trial_timeout_s)
+    names = [str(number) for number in range(1, request.workers + 1)]
+    return LocalWorkers(names, modules, log_dir, request.trial_timeout_s)
 
 
 def _failed(answer: bytes) -> int:

@@ -17,7 +17,7 @@ from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bus.kinds import content_hash, is_file_reference
+from bus.kinds import content_hash, is_file_reference, load_class
 from bus.plan import Kind, Plan
 from orchestrator.log.provenance import DISTRIBUTIONS
 
@@ -39,12 +39,14 @@ def code_of(plans: Iterable[Plan]) -> dict[str, str]:
 
     A module, or a file that a topology names (``my_filter.py``), has the hash of its content; several files
     of one name have all of theirs. A distribution that is installed, and not to be edited, has its version,
-    unless campaigns note that anyhow.
+    unless campaigns note that anyhow. Raises `KindError` when a class cannot be loaded.
     """
     seen: set[Path] = set()
     hashes: dict[str, set[str]] = {}
     released: set[str] = set()
     references = set().union(*map(_references, plans))
+    for reference in references:
+        load_class(reference)  # which may lead to more places to import from
     left = [source for reference in sorted(references) for source in _named(reference, released)]
     while left:
         source = left.pop()

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import wait
 from pathlib import Path
+from typing import Protocol
 
 from orchestrator.backends import fork_server
-from orchestrator.campaign.agenda import Agenda
 from orchestrator.campaign.block import Work, failed_block
 from orchestrator.campaign.failures import ended, too_long
 from orchestrator.campaign.worker_process import WorkerEndedError, WorkerProcess
 
 _GRACE_S = 2.0
 _LONGEST_WAIT_S = 60.0
+_CHECK_S = 1.0
 
 Answer = tuple[Work, bytes]
 """A block and the Arrow stream of its rows."""
@@ -32,31 +33,58 @@ class _Worker:
     is_late: bool = False
 
 
+class Blocks(Protocol):
+    """Where blocks come from, as `orchestrator.campaign.agenda.Agenda` has them."""
+
+    def next(self) -> Work | None:
+        """Return the next block, None when there is none."""
+        ...
+
+    def note(self, trials: int, taken_s: float) -> None:
+        """Note how long one worker took for some trials."""
+        ...
+
+    def died(self, work: Work) -> bool:
+        """Take back a block whose worker died; return whether its trials will be tried once more."""
+        ...
+
+
 class LocalWorkers:
     """Some worker processes; leaving the context ends them.
 
     Parameters
     ----------
-    count
-        How many.
+    names
+        What each of them is called.
     modules
         What their trials need, loaded once for all of them.
     log_dir
         Where what they print is kept, a file a worker.
     patience_s
         How long a trial may take; the worker of one that takes longer is ended.
+    code
+        What must be known of the code of a user's own where they load it themselves, from files that may be
+        others than those of whoever asks; see `orchestrator.campaign.user_code`.
     """
 
-    def __init__(self, count: int, modules: set[str], log_dir: Path, patience_s: float) -> None:
-        self.count = count
+    def __init__(
+        self,
+        names: Sequence[str],
+        modules: set[str],
+        log_dir: Path,
+        patience_s: float,
+        code: Mapping[str, str] | None = None,
+    ) -> None:
+        self.count = len(names)
+        self._names = names
         self._patience_s = patience_s
         self._log_dir = log_dir
+        self._code = code
         fork_server.make_ready(modules | {"orchestrator.campaign.block", "pyarrow", "scipy.special"})
         self._workers: list[_Worker] = []
 
     def __enter__(self) -> LocalWorkers:
-        names = map(str, range(1, self.count + 1))
-        self._workers = [_Worker(name, self._start(name)) for name in names]
+        self._workers = [_Worker(name, self._start(name)) for name in self._names]
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -67,11 +95,13 @@ class LocalWorkers:
         for worker in self._workers:
             worker.process.end(max(0.0, deadline - time.monotonic()))
 
-    def answers(self, agenda: Agenda) -> Iterator[Answer]:
+    def answers(self, agenda: Blocks, check: Callable[[], None] | None = None) -> Iterator[Answer]:
         """Yield the answers as they come, until nothing is left to do.
 
         A block whose worker died is tried once more, trial by trial; a trial that dies again has failed.
+        ``check`` is called about every second: what it raises ends this.
         """
+        longest_s = _LONGEST_WAIT_S if check is None else _CHECK_S
         while True:
             for worker in self._workers:
                 if worker.work is None:
@@ -80,7 +110,9 @@ class LocalWorkers:
             if not busy:
                 return
             told = {source for own in busy for source in (own.process.pipe, own.process.sentinel)}
-            heard = set(wait(told, self._left_s(busy)))
+            heard = set(wait(told, min(self._left_s(busy), longest_s)))
+            if check is not None:
+                check()
             for worker in busy:
                 if heard & {worker.process.pipe, worker.process.sentinel}:
                     yield from self._take(worker, agenda)
@@ -89,7 +121,7 @@ class LocalWorkers:
     def _left_s(self, busy: Iterable[_Worker]) -> float:
         """Return how long to wait at most: until the first of the workers is late."""
         left_s = min(self._deadline_s(worker) for worker in busy) - time.monotonic()
-        return min(max(0.0, left_s), _LONGEST_WAIT_S)
+        return max(0.0, left_s)
 
     def _deadline_s(self, worker: _Worker) -> float:
         if worker.work is None or worker.is_late or not worker.process.is_ready:
@@ -103,7 +135,7 @@ class LocalWorkers:
                 worker.is_late = True
                 worker.process.kill()
 
-    def _give(self, worker: _Worker, agenda: Agenda) -> None:
+    def _give(self, worker: _Worker, agenda: Blocks) -> None:
         work = agenda.next()
         if work is None:
             return
@@ -114,7 +146,7 @@ class LocalWorkers:
             worker.process.send(work)
         worker.work, worker.since_s = work, time.monotonic()
 
-    def _take(self, worker: _Worker, agenda: Agenda) -> Iterator[Answer]:
+    def _take(self, worker: _Worker, agenda: Blocks) -> Iterator[Answer]:
         """Yield a worker's answer, or that of its death, after it was given its next block."""
         work, taken_s = worker.work, time.monotonic() - worker.since_s
         assert work is not None
@@ -141,4 +173,4 @@ class LocalWorkers:
         return too_long(self._patience_s) if was_late else ended(code)
 
     def _start(self, name: str) -> WorkerProcess:
-        return WorkerProcess(name, self._log_dir / f"{name}.log")
+        return WorkerProcess(name, self._log_dir / f"{name}.log", self._code)

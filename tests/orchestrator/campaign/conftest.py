@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,6 +36,7 @@ expect:
 )
 
 MOODY = '''
+import multiprocessing
 import os
 import signal
 import time
@@ -60,6 +63,10 @@ class Moody:
             if self.temper == "raise":
                 raise ValueError("not today")
             if self.temper.startswith("hang"):
+                BUSY.with_name("hangs").touch()
+                time.sleep(1000.0)
+            if self.temper == "kill the parent":
+                os.kill(multiprocessing.parent_process().pid, signal.SIGKILL)
                 time.sleep(1000.0)
             if self.temper.startswith("fork") and os.fork() == 0:
                 time.sleep(60.0)
@@ -120,6 +127,13 @@ class Home:
 
 def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
+def wait_until(holds: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline, f"waited {PATIENCE_S} s in vain until {what}"
+        time.sleep(0.02)
 
 
 def table_of(directory: Path) -> pa.Table:

@@ -32,6 +32,7 @@ from tests.orchestrator.campaign.conftest import (
     environment,
     facts_of,
     table_of,
+    wait_until,
 )
 
 GRID = "channel...failure=0.05,0.4"
@@ -51,13 +52,6 @@ def workers_of(directory: Path) -> list[int]:
         except OSError:
             continue
     return found
-
-
-def wait_until(holds, what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline, f"waited {PATIENCE_S} s in vain until {what}"
-        time.sleep(0.02)
 
 
 def test_one_worker_or_two_give_the_same_bytes_in_sorted_rows(home: Home) -> None:
