@@ -122,9 +122,12 @@ def test_a_cluster_without_workers_is_told_and_what_was_done_is_kept(
     monkeypatch.setattr("orchestrator.campaign.dask_workers._LOOK_S", 0.2)
     monkeypatch.setattr("orchestrator.campaign.dask_workers._DESERTED_S", 2.0)
     moody = f"estimators.e1={{method: {home.folder / 'moody.py'}:Moody, temper: kill the parent}}"
-    with lone_worker(home) as address, pytest.raises(RunFailedError, match="it has no worker left"):
-        home.sweep("out", 6, moody, dask=address, first_trial=first_bad(home) - 1)
-    assert list((home.folder / "out" / "shards").glob("*.arrows"))
+    first = first_bad(home) - 1
+    with lone_worker(home) as address:
+        out, _ = home.sweep("out", 1, moody, dask=address, first_trial=first)
+        with pytest.raises(RunFailedError, match="it has no worker left; the finished trials are kept"):
+            home.sweep("out", 6, moody, dask=address, first_trial=first)
+    assert set(table_of(out)["trial"].to_pylist()) == {first}
 
 
 def test_a_worker_with_other_code_is_refused(home: Home, monkeypatch: pytest.MonkeyPatch) -> None:
