@@ -10,6 +10,7 @@ import gc
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from math import isnan
 from typing import TYPE_CHECKING
 
 from bus.plan import Plan
@@ -113,7 +114,7 @@ def failed_block(work: Work, message: str, worker: str) -> bytes:
 
 
 def _beside(work: Work, timing: TrialTiming, worker: str) -> Row:
-    noted = {f"{TIMING}{name}": value for name, value in asdict(timing).items()}
+    noted = {f"{TIMING}{name}": None if isnan(value) else value for name, value in asdict(timing).items()}
     swept = swept_columns(work.settings)
     return {"variant": work.variant, **swept, **noted, f"{TIMING}worker": worker}
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 
 from orchestrator import exit_codes
@@ -387,6 +388,11 @@ def test_a_trial_that_kills_its_worker_is_tried_twice_and_recorded_as_failed(hom
     assert failed["trial"].to_pylist() == foolish["trial"].to_pylist() != []
     assert heard.failed == failed.num_rows
     assert set(failed["message"].to_pylist()) == {"its worker was ended twice by SIGKILL (out of memory?)"}
+    timing = pq.read_table(out / "timing.parquet").to_pylist()
+    times = ("wall_s", "cpu_s", "step_p50_s", "step_p95_s")
+    of_failed = [row for row in timing if row["trial"] in failed["trial"].to_pylist()]
+    assert {row[name] for row in of_failed for name in times} == {None}
+    assert all(row[name] > 0.0 for row in timing if row not in of_failed for name in times)
 
 
 def test_a_trial_that_hangs_is_given_up_and_the_others_are_not(home: Home) -> None:
@@ -515,8 +521,6 @@ def test_two_sweeps_do_not_share_a_directory(home: Home) -> None:
 
 
 def test_timings_stand_beside_the_results_one_row_a_trial(home: Home) -> None:
-    import pyarrow.parquet as pq
-
     out, _ = home.sweep("out", 3, GRID)
     timing = pq.read_table(out / "timing.parquet").to_pydict()
     assert list(zip(timing["variant"], timing["trial"], strict=True)) == [
