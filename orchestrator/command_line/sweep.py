@@ -82,7 +82,12 @@ def sweep(
     if json:
         print_json(done.facts())
     else:
-        typer.echo(f"one trial with its log: gauntlet replay {done.directory} --trial {first_trial}")
+        variant, trial = next(
+            ((own.variant, own.failed_trials[0]) for own in done.summary.tallies if own.failed),
+            (0, first_trial),
+        )
+        chosen = f" --variant {variant}" if variant else ""
+        typer.echo(f"one trial with its log: gauntlet replay {done.directory}{chosen} --trial {trial}")
     raise typer.Exit(done.exit_code)
 
 
