@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 from orchestrator.backends.contract import RunFailedError
 from orchestrator.campaign.differences import differences
 from orchestrator.errors import InputError
-from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES, campaign_facts, topology_file, trials_there
+from orchestrator.evidence.campaign_facts import CAMPAIGN, campaign_facts
+from orchestrator.evidence.sources import TOPOLOGIES, topology_file, trials_there
 
 SHARDS = "shards"
 TIMING = "timing.parquet"
