@@ -88,13 +88,18 @@ def redirect_output(log_file: Path, *, append: bool = False) -> None:
     os.close(descriptor)
 
 
-def leave_with_parent() -> None:
-    """See to it that this process ends as soon as its parent is gone, however it went."""
-    threading.Thread(target=_await_parents_end, daemon=True).start()
+def leave_with_parent(*, with_group: bool = False) -> None:
+    """See to it that this process ends as soon as its parent is gone, however it went.
+
+    With ``with_group``, the group of processes that it leads ends with it.
+    """
+    threading.Thread(target=_await_parents_end, args=(with_group,), daemon=True).start()
 
 
-def _await_parents_end() -> None:
+def _await_parents_end(with_group: bool) -> None:
     parent = parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])
+        if with_group:
+            os.killpg(0, signal.SIGKILL)
         os._exit(1)

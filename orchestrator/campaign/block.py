@@ -10,10 +10,12 @@ import gc
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from math import isnan
 from typing import TYPE_CHECKING
 
 from bus.plan import Plan
 from orchestrator.campaign.trial import TrialTiming, run_trial
+from orchestrator.campaign.user_code import code_of
 from orchestrator.evidence.rows import Row, failed_row
 from orchestrator.evidence.table import schema, swept_columns, table
 from orchestrator.topology.resolved import Topology
@@ -60,6 +62,17 @@ def _unpacked(packed: bytes) -> tuple[Plan, Topology]:
     return plan, logged
 
 
+def code_of_block(work: Work) -> Mapping[str, str]:
+    """Return what is known here of the code of a user's own that a block runs, which is loaded."""
+    return _code_of(work.packed)
+
+
+@functools.lru_cache(maxsize=4)
+def _code_of(packed: bytes) -> Mapping[str, str]:
+    plan, _ = _unpacked(packed)
+    return code_of([plan])
+
+
 def shard_schema(groups: Sequence[str], swept: Sequence[str]) -> pa.Schema:
     """Return the schema of a block's answer: that of results, and the timings."""
     import pyarrow as pa
@@ -101,7 +114,7 @@ def failed_block(work: Work, message: str, worker: str) -> bytes:
 
 
 def _beside(work: Work, timing: TrialTiming, worker: str) -> Row:
-    noted = {f"{TIMING}{name}": value for name, value in asdict(timing).items()}
+    noted = {f"{TIMING}{name}": None if isnan(value) else value for name, value in asdict(timing).items()}
     swept = swept_columns(work.settings)
     return {"variant": work.variant, **swept, **noted, f"{TIMING}worker": worker}
 

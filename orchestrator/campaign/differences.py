@@ -20,11 +20,16 @@ _BEFORE = 20
 
 _OPTIONS = {"seed": "--seed", "first_trial": "--first-trial"}
 _TOLD_OTHERWISE = frozenset(
-    {"trials", "name", "file", "overrides", "swept", "variants", "topology_hashes", "versions", *_OPTIONS}
+    {
+        *("trials", "name", "file", "overrides", "swept", "variants", "topology_hashes", "versions", "code"),
+        *_OPTIONS,
+    }
 )
 _AS_COMMANDED = "give the command as it was there"
 _AS_MADE = "use the versions that are there"
 _RESTORED = "put the topology back as it was"
+_CODE_RESTORED = "put the code back as it was"
+_MOST_NAMES = 6
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,8 @@ def differences(held: Mapping[str, Any], asked: Mapping[str, Any]) -> list[Diffe
     is_named_otherwise = held.get("file") == asked.get("file") and settings
     if titles[0] != titles[1] and not is_named_otherwise:
         found.append(Difference(_line("the topology", *titles), _AS_COMMANDED))
+    if not found:
+        found += _of_code(held, asked)
     if held.get("topology_hashes") != asked.get("topology_hashes") and not found:
         changed = "  the topology: its file, a file that it extends, or a class in it was changed"
         found.append(Difference(changed, _RESTORED))
@@ -56,6 +63,16 @@ def differences(held: Mapping[str, Any], asked: Mapping[str, Any]) -> list[Diffe
         if there != here
     ]
     return found
+
+
+def _of_code(held: Mapping[str, Any], asked: Mapping[str, Any]) -> list[Difference]:
+    """Return in one line which code of a user's own is not as it was."""
+    before, now = (facts.get("code", {}) for facts in (held, asked))
+    names = [name for name in dict.fromkeys((*now, *before)) if now.get(name) != before.get(name)]
+    if not names:
+        return []
+    shown = ", ".join(names[:_MOST_NAMES]) + (", ..." if len(names) > _MOST_NAMES else "")
+    return [Difference(f"  the code of {shown} was changed", _CODE_RESTORED)]
 
 
 def _of_settings(held: Mapping[str, Any], asked: Mapping[str, Any]) -> list[Difference]:

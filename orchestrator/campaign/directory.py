@@ -11,14 +11,15 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from orchestrator.backends.contract import RunFailedError
 from orchestrator.campaign.differences import differences
 from orchestrator.errors import InputError
-from orchestrator.evidence.sources import CAMPAIGN, TOPOLOGIES, topology_file
+from orchestrator.evidence.campaign_facts import CAMPAIGN, campaign_facts
+from orchestrator.evidence.sources import TOPOLOGIES, topology_file, trials_there
 
 SHARDS = "shards"
 TIMING = "timing.parquet"
@@ -128,22 +129,26 @@ class CampaignDirectory:
         name = f"{variant:05d}-{trials[0]:07d}-{trials[-1]:07d}.arrows"
         write_whole(self.path / SHARDS / name, content)
 
-    def remove_shards(self) -> None:
-        """Remove what a whole results file makes superfluous."""
+    def remove_shards(self, trials: range) -> None:
+        """Remove what a results file of these trials makes superfluous; later ones stay for a longer one."""
+        kept = {shard.path for shard in self.shards() if shard.last not in trials}
         for file in (self.path / SHARDS).iterdir():
-            file.unlink()
-        (self.path / SHARDS).rmdir()
+            if file not in kept:
+                file.unlink()
+        if not kept:
+            (self.path / SHARDS).rmdir()
 
 
 def read_facts(directory: Path) -> dict[str, Any] | None:
     """Return what ``campaign.json`` says, None when there is none."""
     try:
-        facts: dict[str, Any] = json.loads((directory / CAMPAIGN).read_bytes())
+        return campaign_facts((directory / CAMPAIGN).read_bytes())
     except (FileNotFoundError, NotADirectoryError):
         return None
-    except ValueError as error:
-        raise CampaignError(f"{directory / CAMPAIGN} is damaged: {error}; choose another --out") from error
-    return facts
+    except (OSError, ValueError) as error:
+        raise CampaignError(
+            f"{directory} is a damaged campaign ({error}); give its 'gauntlet sweep' again with another --out"
+        ) from error
 
 
 @contextmanager
@@ -185,7 +190,12 @@ def _check_same(path: Path, held: Mapping[str, Any], asked: Mapping[str, Any]) -
                 ]
             )
         )
-    if asked["trials"] < held["trials"]:
+    import pyarrow as pa
+
+    there = 0
+    with suppress(pa.ArrowException, OSError):  # those that are damaged are told when their rows are read
+        there = trials_there(path, held["first_trial"])
+    if asked["trials"] < there:
         raise CampaignError(
-            f"{path} holds a campaign of {held['trials']} trials; ask for as many or more to go on with it"
+            f"{path} holds the results of {there} trials; ask for as many or more to go on with it"
         )

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from orchestrator.campaign.block import TIMING, TIMING_COLUMNS
 from orchestrator.campaign.directory import TIMING as TIMING_FILE
 from orchestrator.campaign.directory import CampaignError, Shard, in_one_stroke
+from orchestrator.campaign.failures import is_lost
 from orchestrator.evidence.sources import RESULTS
 
 if TYPE_CHECKING:
@@ -27,9 +28,24 @@ Trial = tuple[int, int]
 
 
 def finished_trials(directory: Path, shards: Iterable[Shard]) -> set[Trial]:
-    """Return the trials that need not be run: those of the results file, and those of the shards."""
-    done = {(shard.variant, trial) for shard in shards for trial in range(shard.first, shard.last + 1)}
-    return done | _trials_in_results(directory / RESULTS)
+    """Return the trials that need not be run: those of the results file, and those of the shards.
+
+    Trials that were lost with their workers are not among them.
+    """
+    in_shards: set[Trial] = set()
+    for shard in shards:
+        # a lost trial has been tried alone
+        if shard.first < shard.last or not is_lost(_message_of(shard)):
+            in_shards |= {(shard.variant, trial) for trial in range(shard.first, shard.last + 1)}
+    return in_shards | _trials_in_results(directory / RESULTS)
+
+
+def _message_of(shard: Shard) -> str | None:
+    import pyarrow as pa
+
+    with pa.ipc.open_stream(shard.path.read_bytes()) as reader:
+        message: str | None = reader.read_all()["message"][0].as_py()
+    return message
 
 
 def _trials_in_results(results: Path) -> set[Trial]:
@@ -39,18 +55,20 @@ def _trials_in_results(results: Path) -> set[Trial]:
     if not results.exists():
         return set()
     try:
-        keys = pq.read_table(results, columns=list(_KEYS))
+        held = pq.read_table(results, columns=[*_KEYS, "message"])
     except (pa.ArrowException, OSError) as error:
         raise CampaignError(
             f"{results} is damaged; remove it, so that its trials are run again, or choose another --out"
         ) from error
-    return set(zip(*(keys[name].to_pylist() for name in _KEYS), strict=True))
+    rows = zip(*(held[name].to_pylist() for name in (*_KEYS, "message")), strict=True)
+    return {(variant, trial) for variant, trial, message in rows if not is_lost(message)}
 
 
-def write_results(directory: Path, shards: Sequence[Shard], schema: pa.Schema) -> None:
+def write_results(directory: Path, shards: Sequence[Shard], schema: pa.Schema, trials: range) -> None:
     """Write results and timings anew, from what was there before and the shards; each file in one stroke.
 
-    ``schema`` is that of all variants' results. A trial that stands in both is taken from the results.
+    ``schema`` is that of all variants' results; of the shards, only ``trials`` are taken. A trial that stands
+    in both is taken from the shards: it is the same, or was lost before.
     """
     import pyarrow as pa
 
@@ -67,16 +85,16 @@ def write_results(directory: Path, shards: Sequence[Shard], schema: pa.Schema) -
         (directory / RESULTS, schema, _fitted),
     )
     for path, own, made in parts:
-        fresh = ((key, made(found, own)) for key, found in _of_shards(shards))
-        _write(path, own, _merged(_of_file(path, own), fresh))
+        fresh = ((key, made(found, own)) for key, found in _of_shards(shards) if key[1] in trials)
+        _write(path, own, _merged(fresh, _of_file(path, own)))
 
 
 def _merged(
-    old: Iterator[tuple[Trial, pa.Table]], fresh: Iterator[tuple[Trial, pa.Table]]
+    fresh: Iterator[tuple[Trial, pa.Table]], old: Iterator[tuple[Trial, pa.Table]]
 ) -> Iterator[pa.Table]:
-    """Return the tables of all trials, sorted; of two of one trial the old one."""
+    """Return the tables of all trials, sorted; of two of one trial the fresh one."""
     last: Trial | None = None
-    for key, own in heapq.merge(old, fresh, key=lambda pair: pair[0]):
+    for key, own in heapq.merge(fresh, old, key=lambda pair: pair[0]):
         if key != last:
             yield own
         last = key

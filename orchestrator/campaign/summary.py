@@ -46,7 +46,7 @@ class Line:
 
 @dataclass(frozen=True)
 class VariantTally:
-    """What became of a variant's trials."""
+    """What became of a variant's trials; ``failed_trials`` are the numbers of those that failed."""
 
     variant: int
     settings: dict[str, str]
@@ -54,6 +54,7 @@ class VariantTally:
     failed: int
     passed: int
     messages: tuple[str, ...]
+    failed_trials: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ class Summary:
                     "set": tally.settings,
                     "trials": tally.trials,
                     "failed": tally.failed,
+                    "failed_trials": tally.failed_trials,
                     "passed": tally.passed,
                     "messages": tally.messages,
                     "confidence": self.confidence[tally.variant],
@@ -160,6 +162,7 @@ def _tallies(held: pa.Table) -> Iterator[VariantTally]:
             len(failed),
             sum(bool(columns["passed"][row]) for row in rows),
             tuple(dict.fromkeys(columns["message"][row] for row in failed)),
+            tuple(columns["trial"][row] for row in failed),
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -20,6 +21,7 @@ from orchestrator.campaign.directory import (
 )
 from orchestrator.campaign.grid import Variant, lay_grid
 from orchestrator.campaign.results import finished_trials, write_results
+from orchestrator.campaign.user_code import code_of
 from orchestrator.campaign.variants import LoadedVariant, load_variants, refuse_alike
 from orchestrator.campaign.workers import LocalWorkers
 from orchestrator.errors import InputError
@@ -27,6 +29,7 @@ from orchestrator.evidence.rows import FAILED
 from orchestrator.evidence.table import require_pyarrow, schema
 from orchestrator.log.provenance import versions
 from orchestrator.topology.problems import Problem
+from orchestrator.topology.schema import LARGEST_TRIAL
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -94,6 +97,11 @@ class Campaign:
         found = (warning for own in self.variants for warning in own.topology.warnings)
         return list(dict.fromkeys(found))
 
+    @cached_property
+    def code(self) -> dict[str, str]:
+        """What is known of the code of a user's own that any variant runs; see `code_of`."""
+        return code_of(own.topology.plan for own in self.variants)
+
     def schema(self) -> pa.Schema:
         """Return the columns of the results: those of every variant."""
         groups = {group for own in self.variants for group in own.topology.state_groups}
@@ -113,6 +121,7 @@ class Campaign:
             "overrides": list(self.request.overrides),
             "swept": swept,
             "variants": [dict(own) for own in settings],
+            "code": self.code,
             "topology_hashes": [own.topology.hash for own in self.variants],
             "versions": versions(),
         }
@@ -133,6 +142,10 @@ class Progress(Protocol):
 def prepare(request: Request) -> Campaign:
     """Return a campaign whose variants are all in order; raises `InputError` with everything that is not."""
     require_pyarrow()
+    last = request.first_trial + request.trials - 1
+    if last > LARGEST_TRIAL:
+        cure = "give a smaller --first-trial or fewer --trials"
+        raise InputError(f"the last trial would be {last}, and the largest is {LARGEST_TRIAL}; {cure}")
     variants: Sequence[Variant] = lay_grid(request.overrides, request.twins)
     loaded = load_variants(request.file, variants, request.seed, request.first_trial)
     if request.twins and all(one.topology.hash == two.topology.hash for one, two in pairwise(loaded)):
@@ -164,8 +177,8 @@ def sweep(campaign: Campaign, progress: Progress) -> Path:
                     progress.advance(len(work.trials), _failed(answer))
         shards = directory.shards()
         if shards:
-            write_results(path, shards, campaign.schema())
-        directory.remove_shards()
+            write_results(path, shards, campaign.schema(), campaign.trials)
+        directory.remove_shards(campaign.trials)
     return path
 
 
@@ -174,9 +187,10 @@ def _workers(campaign: Campaign, log_dir: Path) -> AbstractContextManager[Worker
     if request.dask is not None:
         from orchestrator.campaign.dask_workers import DaskWorkers
 
-        return DaskWorkers(request.dask)
+        return DaskWorkers(request.dask, log_dir, request.trial_timeout_s, campaign.code)
     modules = {name for own in campaign.variants for name in kind_modules(own.topology.plan)}
-    return LocalWorkers(request.workers, modules, log_dir, request.trial_timeout_s)
+    names = [str(number) for number in range(1, request.workers + 1)]
+    return LocalWorkers(names, modules, log_dir, request.trial_timeout_s)
 
 
 def _failed(answer: bytes) -> int:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _PLAIN_EVERY_S = 30.0
 _PLAIN_WIDTH = 160
 _MESSAGES_SHOWN = 3
+_FAILED_SHOWN = 6
+"""How many failed trials of a variant are named, and of how many variants they are."""
 _SHORT = {
     "nees.ratio": "median NEES",
     "divergences": "trials diverged",
@@ -159,6 +161,14 @@ def print_summary(summary: Summary, console: Console) -> None:
         console.print(Text(f"failed: {message}", style="red"), soft_wrap=True)
     if len(messages) > _MESSAGES_SHOWN:
         console.print(Text(f"and {len(messages) - _MESSAGES_SHOWN} other reasons"))
+    failing = [tally for tally in summary.tallies if tally.failed]
+    for tally in failing[:_FAILED_SHOWN]:
+        where = f"variant {tally.variant}: " if len(summary.tallies) > 1 else ""
+        more = ", ..." if tally.failed > _FAILED_SHOWN else ""
+        named = ", ".join(map(str, tally.failed_trials[:_FAILED_SHOWN]))
+        console.print(Text(f"failed trials: {where}{named}{more}"), soft_wrap=True)
+    if len(failing) > _FAILED_SHOWN:
+        console.print(Text(f"and those of {len(failing) - _FAILED_SHOWN} other variants"))
 
 
 def _rows(

@@ -53,6 +53,8 @@ def compare(
     from orchestrator.evidence.facts import facts
 
     chosen = list(map(choose, sources))
+    for told in dict.fromkeys(told for own in chosen for told in own.source.unfinished):
+        typer.echo(f"note: {told}", err=True)
     asked = list(dict.fromkeys(metrics or [usual_metric(chosen)]))
     contenders = find_contenders(chosen, by, asked)
     comparison = compare_contenders(contenders, asked, confidence, margin)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +17,19 @@ if TYPE_CHECKING:
     from orchestrator.topology.resolved import Topology
 
 
-def launch(topology: Topology, backend: Backend, out: Path | None, *, json: bool) -> RunReport:
-    """Run a topology, print the verdict, and return the report."""
+def launch(
+    topology: Topology,
+    backend: Backend,
+    out: Path | None,
+    *,
+    json: bool,
+    beside: Callable[[Path], Mapping[str, object]] | None = None,
+) -> RunReport:
+    """Run a topology, print the verdict, and return the report.
+
+    Of a command that has more to say of the run, ``beside`` takes the run's directory and returns what stands
+    beside the report in its JSON.
+    """
     from orchestrator.run import NotBegunError, run_topology
     from orchestrator.run_directory import make_run_directory
 
@@ -29,8 +41,9 @@ def launch(topology: Topology, backend: Backend, out: Path | None, *, json: bool
             report = run_topology(topology, directory, backend, progress)
     except NotBegunError as error:
         fail(error, exit_codes.RUN_FAILED)
+    more = beside(report.directory) if beside is not None else {}
     if json:
-        print_json(report.facts())
+        print_json({**report.facts(), **more})
     else:
         from orchestrator.score.verdict import print_verdict
 

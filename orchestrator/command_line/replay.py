@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from orchestrator import exit_codes
 from orchestrator.choices import Backend
 from orchestrator.command_line.launch import launch
 from orchestrator.command_line.options import Json
+
+if TYPE_CHECKING:
+    from orchestrator.campaign.replay import Comparison
 
 
 def replay(
@@ -40,6 +44,14 @@ def replay(
     file = topology_of_trial(directory, variant)
     topology, chosen = load_to_run(file, [f"trial={trial}"], None, backend)
     where = out or directory_of_replay(directory, variant, trial)
-    report = launch(topology, chosen, where, json=json)
-    typer.echo(compared(directory, variant, trial, report.directory), err=True)
-    raise typer.Exit(report.exit_code)
+    found: list[Comparison] = []
+
+    def compare(run: Path) -> dict[str, Any]:
+        found.append(compared(directory, variant, topology, run))
+        return {"campaign": found[0].facts()}
+
+    report = launch(topology, chosen, where, json=json, beside=compare)
+    (comparison,) = found
+    typer.echo(comparison.message, err=True)
+    is_over = report.exit_code in (exit_codes.PASSED, exit_codes.EXPECTATION_FAILED)
+    raise typer.Exit((comparison.exit_code or report.exit_code) if is_over else report.exit_code)

@@ -83,8 +83,13 @@ def sweep(
     if json:
         print_json(done.facts())
     else:
+        variant, trial = next(
+            ((own.variant, own.failed_trials[0]) for own in done.summary.tallies if own.failed),
+            (0, first_trial),
+        )
+        chosen = f" --variant {variant}" if variant else ""
         folder = quote(str(done.directory))
-        typer.echo(f"one trial with its log: gauntlet replay {folder} --trial {first_trial}")
+        typer.echo(f"one trial with its log: gauntlet replay {folder}{chosen} --trial {trial}")
     raise typer.Exit(done.exit_code)
 
 

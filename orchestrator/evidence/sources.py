@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
-import json
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from orchestrator.errors import InputError
+from orchestrator.evidence.campaign_facts import CAMPAIGN, campaign_facts
 from orchestrator.evidence.table import require_pyarrow, schema, table
 from orchestrator.run_directory import LOG
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 RESULTS = "results.parquet"
-CAMPAIGN = "campaign.json"
 TOPOLOGIES = "topologies"
 
 
@@ -38,13 +37,20 @@ class Source:
     path
         The log of a run, or the directory of a campaign.
     provenance
-        What was run with which versions: the facts of the log, or those of ``campaign.json``.
+        What was run with which versions: the facts of the log, or those of ``campaign.json``. Where a
+        campaign was to have more trials than its results hold, ``trials`` tells how many these are, and
+        ``unfinished`` tells both in a sentence.
     """
 
     kind: Literal["run", "campaign"]
     name: str
     path: Path
     provenance: Mapping[str, Any]
+
+    @property
+    def unfinished(self) -> tuple[str, ...]:
+        """A sentence on the trials that a campaign was to have and its results lack, if they lack any."""
+        return (self.provenance["unfinished"],) if "unfinished" in self.provenance else ()
 
     @functools.cached_property
     def table(self) -> pa.Table:
@@ -145,6 +151,22 @@ def load_source(path: Path | str) -> Source:
     return Source("run", opened.provenance["name"], log, opened.provenance)
 
 
+def trials_there(directory: Path, first_trial: int) -> int:
+    """Return how many trials of each variant the results of a campaign hold, 0 when there are none.
+
+    Raises `OSError` or `pyarrow.ArrowException` when they cannot be read.
+    """
+    import pyarrow.parquet as pq
+
+    if not (directory / RESULTS).exists():
+        return 0
+    held = pq.read_metadata(directory / RESULTS)
+    groups = (held.row_group(number) for number in range(held.num_row_groups))
+    columns = (group.column(place) for group in groups for place in range(group.num_columns))
+    last = [own.statistics.max for own in columns if own.path_in_schema == "trial" and own.statistics]
+    return max(last) - first_trial + 1 if last else 0
+
+
 def _campaign(directory: Path) -> Source:
     if not (directory / RESULTS).is_file():
         raise SourceError(
@@ -152,17 +174,22 @@ def _campaign(directory: Path) -> Source:
             "give its 'gauntlet sweep' again, which goes on where it ended"
         )
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     try:
-        facts = json.loads((directory / CAMPAIGN).read_bytes())
-        pq.read_schema(directory / RESULTS)
+        facts = campaign_facts((directory / CAMPAIGN).read_bytes())
+        there = trials_there(directory, facts["first_trial"])
     except (ValueError, OSError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0]
         raise SourceError(
             f"{directory} is a damaged campaign ({reason}); "
             "give its 'gauntlet sweep' again with another --out"
         ) from error
+    if 0 < there < facts["trials"]:
+        facts["unfinished"] = (
+            f"{directory}: {there} of {facts['trials']} trials are there; give its 'gauntlet sweep' again to "
+            f"go on, or with --trials {there} to leave it at these"
+        )
+        facts["trials"] = there
     return Source("campaign", facts["name"], directory, facts)
 
 

@@ -17,7 +17,8 @@ import msgspec
 from bus.plan import Plan
 from orchestrator.log.order import canonical_order
 
-_DISTRIBUTIONS = ("gauntlet", "eclipse-zenoh", "mcap", "msgspec", "networkx", "numpy", "scipy", "zstandard")
+DISTRIBUTIONS = ("gauntlet", "eclipse-zenoh", "mcap", "msgspec", "networkx", "numpy", "scipy", "zstandard")
+"""What every log and campaign notes the versions of."""
 _GIT_TIMEOUT_S = 5.0
 _SEAL = "crc32"
 _CODE = Path(__file__).parents[2]
@@ -62,7 +63,7 @@ def versions() -> dict[str, str]:
         "git_commit": git_commit(_CODE),
         "machine": platform.machine(),
         "version.python": platform.python_version(),
-        **{f"version.{name}": _version(name) for name in _DISTRIBUTIONS},
+        **{f"version.{name}": _version(name) for name in DISTRIBUTIONS},
     }
 
 

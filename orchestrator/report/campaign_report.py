@@ -101,7 +101,7 @@ def _tiles(groups: Sequence[Group]) -> list[Tile]:
 
 def campaign_page(chosen: Sequence[Chosen], by: str | None = None) -> Page:
     """Return the page of a campaign, or of several sources side by side; ``by`` as `find_groups` says."""
-    notes: list[str] = []
+    notes = [told for own in chosen for told in own.source.unfinished]
     groups = find_groups(chosen, by, notes)
     cut_off = list(_cut_off(groups, chosen))
     warnings = [*cut_off, *different_ground(*_ran(groups))]

@@ -134,7 +134,7 @@ def _text(detail: ErrorDetails, model: type[BaseModel], owner: str) -> tuple[str
         return f"{_show(detail['input'])} is not {_EXPECTED[kind]}", ""
     if kind in _BOUND:
         name, words = _BOUND[kind]
-        return f"is {_show(detail['input'])}, must be {words} {context[name]:g}", ""
+        return f"is {_show(detail['input'])}, must be {words} {_limit(context[name])}", ""
     if kind == "literal_error":
         choices = str(context["expected"]).replace(" or ", ", ").split(", ")
         cure = did_you_mean(str(detail["input"]), [choice.strip("'") for choice in choices])
@@ -142,6 +142,10 @@ def _text(detail: ErrorDetails, model: type[BaseModel], owner: str) -> tuple[str
     if kind == "string_pattern_mismatch":
         return f"{_show(detail['input'])} is not a name", "use letters, digits, '.', '_' and '-'"
     return detail["msg"].removeprefix("Value error, "), ""
+
+
+def _limit(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
 
 
 def _show(value: Any) -> str:

@@ -13,6 +13,8 @@ from orchestrator.topology.document import LARGEST_INTEGER
 from orchestrator.topology.parameters import STRICT
 
 Whole = Annotated[int, Ge(0), Le(LARGEST_INTEGER)]
+LARGEST_TRIAL = 2**31 - 1
+"""Results keep the numbers of trials in 32 bits."""
 Number = int | float
 Scope = Literal["per_link", "shared"]
 """Whether each link of a stage has a chain of its own, or all share one."""
@@ -162,7 +164,9 @@ class TopologyFile(Section):
     description: str = Field(default="", description="prose; not part of the experiment")
     extends: str | None = Field(default=None, description="the topology that this one is laid over")
     seed: Whole = Field(default=0, description="seed of every random draw")
-    trial: Whole = Field(default=0, description="number of the trial in a campaign")
+    trial: Annotated[int, Ge(0), Le(LARGEST_TRIAL)] = Field(
+        default=0, description="number of the trial in a campaign"
+    )
     period_s: Annotated[float, Gt(0.0)] = Field(description="sampling period (s)")
     steps: Annotated[int, Ge(1), Le(LARGEST_INTEGER)] = Field(description="number of steps")
     plant: PlantSection

@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,12 +36,16 @@ expect:
 )
 
 MOODY = '''
+import multiprocessing
 import os
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 from nodes.contract import Belief
+
+BUSY = Path(__file__).with_name("busy")
 
 
 class Moody:
@@ -53,10 +59,19 @@ class Moody:
         self.is_bad = setting.rng.random() < 0.3
 
     def correct(self, step, packets):
-        if step == 3 and self.is_bad:
+        if step == 3 and self.is_bad and not (self.temper.endswith("while busy") and not BUSY.exists()):
             if self.temper == "raise":
                 raise ValueError("not today")
-            if self.temper == "hang":
+            if self.temper.startswith("hang"):
+                BUSY.with_name("hangs").touch()
+                time.sleep(1000.0)
+            if self.temper == "kill the parent":
+                os.kill(multiprocessing.parent_process().pid, signal.SIGKILL)
+                time.sleep(1000.0)
+            if self.temper.startswith("fork") and os.fork() == 0:
+                time.sleep(60.0)
+                os._exit(0)
+            if self.temper == "fork and hang":
                 time.sleep(1000.0)
             os.kill(os.getpid(), signal.SIGKILL)
 
@@ -112,6 +127,29 @@ class Home:
 
 def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
+def wait_until(holds: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline, f"waited {PATIENCE_S} s in vain until {what}"
+        time.sleep(0.02)
+
+
+def same_bytes(one: Path, other: Path) -> bool:
+    return (one / "results.parquet").read_bytes() == (other / "results.parquet").read_bytes()
+
+
+def workers_of(directory: Path) -> list[int]:
+    """The processes that hold a log of the campaign's workers open."""
+    found = []
+    for process in Path("/proc").iterdir():
+        try:
+            if process.name.isdigit() and str(directory) in os.readlink(process / "fd" / "1"):
+                found.append(int(process.name))
+        except OSError:
+            continue
+    return found
 
 
 def table_of(directory: Path) -> pa.Table:

@@ -42,6 +42,19 @@ def test_programs_get_the_same_figures_as_json(home: Home) -> None:
     assert second["passed"] == passed < 7  # what the file expects is no matter of the exit code
 
 
+def test_failed_trials_are_named_and_the_first_of_them_is_the_one_to_replay(home: Home) -> None:
+    moody = ("--set", "estimators.e1.method=secure_distributed,./moody.py:Moody", "--set", "channel=null")
+    done = home.command("sweep", "small.yaml", "--trials", "8", *moody, "--out", "out")
+    assert done.returncode == 3, done.stderr
+    rows = table_of(home.folder / "out").to_pylist()
+    failed = [row["trial"] for row in rows if row["status"] == "failed"]
+    assert 0 < len(failed) <= 6
+    assert f"failed trials: variant 1: {', '.join(map(str, failed))}\n" in done.stdout
+    assert f"gauntlet replay out --variant 1 --trial {failed[0]}\n" in done.stdout
+    told = home.command("sweep", "small.yaml", "--trials", "8", *moody, "--out", "out", "--json").stdout
+    assert [own["failed_trials"] for own in json.loads(told)["variants"]] == [[], failed]
+
+
 @pytest.mark.parametrize(
     ("package", "arguments", "cure"),
     [

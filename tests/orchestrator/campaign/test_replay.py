@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -11,6 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
+from orchestrator import exit_codes
 from orchestrator.evidence.sources import SourceError
 from orchestrator.handoff import load
 from tests.orchestrator.campaign.conftest import Home, table_of
@@ -47,7 +49,10 @@ def test_a_score_that_is_not_that_of_the_row_is_told(home: Home) -> None:
     out, _ = home.sweep("out", 1)
     _with_another_rmse(out / "results.parquet")
     done = home.command("replay", "out", "--trial", "0", "--backend", "inprocess", "--out", "run")
-    assert "NOT that of the campaign (rmse.position)" in done.stderr
+    assert "NOT that of the campaign (rmse.position): are the versions" in done.stderr
+    assert done.returncode == exit_codes.EXPECTATION_FAILED
+    told = home.command("replay", "out", "--trial", "0", "--backend", "inprocess", "--json").stdout
+    assert json.loads(told)["campaign"]["same_score"] is False
 
 
 def _with_another_rmse(results: Path) -> None:

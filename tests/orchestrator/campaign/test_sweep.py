@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import resource
 import signal
 import subprocess
-import time
-from pathlib import Path
-from typing import Any
 
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 
 from orchestrator import exit_codes
-from orchestrator.campaign.differences import differences
 from orchestrator.campaign.directory import CampaignError
 from orchestrator.errors import InputError
 from orchestrator.evidence.rows import trial_rows
@@ -31,33 +26,13 @@ from tests.orchestrator.campaign.conftest import (
     Home,
     environment,
     facts_of,
+    same_bytes,
     table_of,
+    wait_until,
+    workers_of,
 )
 
 GRID = "channel...failure=0.05,0.4"
-
-
-def same_bytes(one: Path, other: Path) -> bool:
-    return (one / "results.parquet").read_bytes() == (other / "results.parquet").read_bytes()
-
-
-def workers_of(directory: Path) -> list[int]:
-    """The processes that hold a log of the campaign's workers open."""
-    found = []
-    for process in Path("/proc").iterdir():
-        try:
-            if process.name.isdigit() and str(directory) in os.readlink(process / "fd" / "1"):
-                found.append(int(process.name))
-        except OSError:
-            continue
-    return found
-
-
-def wait_until(holds, what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline, f"waited {PATIENCE_S} s in vain until {what}"
-        time.sleep(0.02)
 
 
 def test_one_worker_or_two_give_the_same_bytes_in_sorted_rows(home: Home) -> None:
@@ -134,8 +109,60 @@ def test_more_trials_extend_a_campaign_as_if_they_had_been_asked_for_at_once(hom
     again, heard = home.sweep("grown", 6, GRID)
     assert (heard.done, heard.finished) == (12, [])
     assert same_bytes(whole, again)
-    with pytest.raises(CampaignError, match="campaign of 6 trials"):
+    with pytest.raises(CampaignError, match="holds the results of 6 trials; ask for as many or more"):
         home.sweep("grown", 5, GRID)
+
+
+def test_a_campaign_that_was_to_be_too_long_is_closed_at_what_its_results_hold(home: Home) -> None:
+    whole, _ = home.sweep("whole", 6, GRID)
+    out, _ = home.sweep("out", 6, GRID)
+    _killed_while_it_goes_on(home, "out", "2000", GRID)
+    assert facts_of(out)["trials"] == 2000
+    told = home.command("compare", "out", "--by", "variant")
+    assert "note: out: 6 of 2000 trials are there; give its 'gauntlet sweep' again to go on" in told.stderr
+    assert home.command("report", "out", "--out", "page.html").returncode == 0
+    assert "6 of 2000 trials are there" in (home.folder / "page.html").read_text()
+    assert load_source(out).provenance["trials"] == 6
+    closed, heard = home.sweep("out", 6, GRID)
+    assert (heard.done, heard.finished) == (12, [])
+    assert facts_of(closed)["trials"] == 6
+    assert load_source(closed).unfinished == ()
+    assert same_bytes(whole, closed)
+
+
+def test_one_that_never_had_results_is_closed_early_and_loses_no_trial_that_is_done(home: Home) -> None:
+    whole, _ = home.sweep("whole", 5, GRID)
+    longer, _ = home.sweep("longer", 12, GRID)
+    _killed_while_it_goes_on(home, "out", "2000", GRID)
+    out, heard = home.sweep("out", 5, GRID)
+    assert heard.done >= 5  # of the first variant, which comes first
+    assert same_bytes(whole, out)
+    kept = list(out.glob("shards/*.arrows"))
+    assert kept
+    again, heard = home.sweep("out", 12, GRID)
+    assert heard.done > 10
+    assert same_bytes(longer, again)
+
+
+def _killed_while_it_goes_on(home: Home, out: str, trials: str, *overrides: str) -> None:
+    """Ask for many trials and kill the sweep after some dozen of them."""
+    options = [text for override in overrides for text in ("--set", override)]
+    process = subprocess.Popen(
+        [*COMMAND, "sweep", "small.yaml", "--trials", trials, "-j", "2", "--out", out, *options],
+        cwd=home.folder,
+        env=environment(),
+        stderr=subprocess.DEVNULL,
+    )
+    shards = home.folder / out / "shards"
+    try:
+        wait_until(
+            lambda: any(int(own.stem.split("-")[2]) >= 12 for own in shards.glob("*.arrows")),
+            "there are shards beyond the first dozen of trials",
+        )
+    finally:
+        process.kill()
+        process.wait(PATIENCE_S)
+    wait_until(lambda: not workers_of(home.folder / out), "the workers have followed their parent")
 
 
 def test_trials_may_begin_anywhere(home: Home) -> None:
@@ -143,121 +170,6 @@ def test_trials_may_begin_anywhere(home: Home) -> None:
     late, _ = home.sweep("late", 2, first_trial=3)
     rows = table_of(whole)
     assert table_of(late).equals(rows.filter(pc.greater_equal(rows["trial"], 3)))
-
-
-@pytest.mark.parametrize(
-    ("overrides", "change", "lines"),
-    [
-        (["channel...failure=0.05,0.3"], {}, ["--set channel...failure: 0.05,0.4 there, 0.05,0.3 here"]),
-        ([], {}, ["--set channel...failure: 0.05,0.4 there, not given here"]),
-        ([GRID, "steps=8"], {}, ["--set steps: not given there, 8 here"]),
-        ([GRID, "name=other"], {}, ["--set name: not given there, other here"]),
-        ([GRID], {"seed": 8}, ["--seed: 7 there, 8 here"]),
-        ([GRID], {"first_trial": 1}, ["--first-trial: 0 there, 1 here"]),
-        ([GRID], {"twins": True}, ["--twin: not given there, given here"]),
-        (
-            ["steps=8"],
-            {"seed": 8},
-            [
-                "--set channel...failure: 0.05,0.4 there, not given here",
-                "--set steps: not given there, 8 here",
-                "--seed: 7 there, 8 here",
-            ],
-        ),
-    ],
-)
-def test_another_campaign_is_refused_with_each_difference_once_and_the_cure(
-    home: Home, overrides: list[str], change: dict[str, Any], lines: list[str]
-) -> None:
-    assert GRID == "channel...failure=0.05,0.4"
-    home.sweep("out", 1, GRID)
-    with pytest.raises(CampaignError) as refusal:
-        home.sweep("out", 2, *overrides, **change)
-    first, *found, cure = str(refusal.value).splitlines()
-    assert first.startswith(f"{home.folder / 'out'} holds another campaign")
-    assert [line.strip() for line in found] == lines
-    assert cure.split("; ") == [
-        "  to go on with it, give the command as it was there",
-        "to begin another one, choose another --out",
-    ]
-
-
-def test_another_topology_is_refused_in_one_line(home: Home) -> None:
-    home.sweep("out", 1, GRID)
-    text = (home.folder / "small.yaml").read_text()
-    (home.folder / "large.yaml").write_text(text.replace("name: small", "name: large"))
-    with pytest.raises(CampaignError) as refusal:
-        home.sweep("out", 2, GRID, file=home.folder / "large.yaml")
-    _, *found, _ = str(refusal.value).splitlines()
-    assert found == ["  the topology: small (small.yaml) there, large (large.yaml) here"]
-
-
-def test_long_values_are_shown_where_they_begin_to_differ() -> None:
-    long = ", ".join(f"{number}.25" for number in range(60))
-    there, here = ({"overrides": [f"sensors...C=[[{long}, {last}]]"]} for last in ("7.0", "8.0"))
-    (found,) = differences(there, here)
-    assert len(found.line) < 120
-    assert "7.0]]" in found.line.partition(" there, ")[0]
-    assert "8.0]]" in found.line.partition(" there, ")[2]
-
-
-def test_a_changed_topology_or_version_is_refused_with_what_has_changed(home: Home) -> None:
-    out, _ = home.sweep("out", 1)
-    text = (home.folder / "small.yaml").read_text()
-    (home.folder / "small.yaml").write_text(text.replace("std: 0.1", "std: 0.2"))
-    with pytest.raises(CampaignError, match=r"the topology: its file.*\n.* put the topology back as it was"):
-        home.sweep("out", 2)
-    (home.folder / "small.yaml").write_text(text)
-    facts = (out / "campaign.json").read_text()
-    numpy = facts_of(out)["versions"]["version.numpy"]
-    (out / "campaign.json").write_text(facts.replace(f'"{numpy}"', '"0.9"'))
-    with pytest.raises(CampaignError, match=r"numpy: 0\.9 there, .*\n.* use the versions that are there"):
-        home.sweep("out", 2)
-
-
-def test_damaged_results_are_told_with_a_cure_that_works(home: Home) -> None:
-    out, _ = home.sweep("out", 2)
-    results = out / "results.parquet"
-    whole = results.read_bytes()
-    results.write_bytes(whole[:500])
-    with pytest.raises(InputError, match=r"results.parquet is damaged; remove it"):
-        home.sweep("out", 2)
-    results.unlink()
-    home.sweep("out", 2)
-    assert results.read_bytes() == whole
-
-
-def test_a_directory_with_something_else_is_refused(home: Home) -> None:
-    (home.folder / "full").mkdir()
-    (home.folder / "full" / "thesis.tex").write_text("")
-    with pytest.raises(CampaignError, match="holds something else"):
-        home.sweep("full", 1)
-
-
-def test_a_path_that_is_no_directory_is_refused(home: Home) -> None:
-    (home.folder / "file").write_text("")
-    with pytest.raises(CampaignError, match="file cannot be used"):
-        home.sweep("file", 1)
-
-
-def test_a_full_disk_is_told_and_the_campaign_goes_on_later(home: Home) -> None:
-    arguments = ["sweep", "small.yaml", "--trials", "2", "-j", "1", "--out", "out"]
-    room = 8192
-    done = subprocess.run(
-        [*COMMAND, *arguments],
-        cwd=home.folder,
-        env=environment(),
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    assert done.returncode == 3, done.stderr
-    assert "arrows cannot be written" in done.stderr
-    whole, _ = home.sweep("whole", 2)
-    later, _ = home.sweep("out", 2)
-    assert same_bytes(whole, later)
 
 
 def test_all_variants_are_checked_before_any_trial_and_all_errors_told_at_once(home: Home) -> None:
@@ -279,43 +191,6 @@ def test_what_is_wrong_with_some_variants_only_is_told_with_their_settings(home:
     )
     assert told.returncode == exit_codes.BAD_INPUT
     assert "there is no link e*->e* (with method=kalman)" in told.stderr
-
-
-def test_failed_trials_are_counted_with_their_reason_and_the_exit_code_tells(home: Home) -> None:
-    done = home.command(
-        *("sweep", "small.yaml", "--trials", "8", "-j", "1", "--out", "out", "--json"),
-        *("--set", "estimators.e1.method=./moody.py:Moody"),
-    )
-    assert done.returncode == 3, done.stderr
-    rows = table_of(home.folder / "out")
-    failed = rows.filter(pc.equal(rows["status"], "failed"))
-    assert 0 < failed.num_rows < 8
-    assert set(failed["message"].to_pylist()) == {"e1 failed in step 3: ValueError: not today"}
-    assert set(failed["node"].to_pylist()) == {""}
-    assert set(failed["rmse.state"].to_pylist()) == {None}
-    assert len({*rows["trial"].to_pylist()}) == 8
-    assert "not today" in (home.folder / "out" / "workers" / "1.log").read_text()
-
-
-def test_a_trial_that_kills_its_worker_is_tried_twice_and_recorded_as_failed(home: Home) -> None:
-    out, heard = home.sweep("out", 8, "estimators.e1={method: ./moody.py:Moody, temper: kill}", workers=2)
-    rows = table_of(out)
-    failed = rows.filter(pc.equal(rows["status"], "failed"))
-    raising, _ = home.sweep("raising", 8, "estimators.e1.method=./moody.py:Moody", workers=2)
-    foolish = table_of(raising)
-    foolish = foolish.filter(pc.equal(foolish["status"], "failed"))
-    assert failed["trial"].to_pylist() == foolish["trial"].to_pylist() != []
-    assert heard.failed == failed.num_rows
-    assert set(failed["message"].to_pylist()) == {"its worker was ended twice by SIGKILL (out of memory?)"}
-
-
-def test_a_trial_that_hangs_is_given_up_and_the_others_are_not(home: Home) -> None:
-    moody = "estimators.e1={method: ./moody.py:Moody, temper: hang}"
-    out, heard = home.sweep("out", 4, moody, workers=2, trial_timeout_s=4.0)
-    rows = table_of(out)
-    failed = rows.filter(pc.equal(rows["status"], "failed"))
-    assert 0 < failed.num_rows == heard.failed < 4
-    assert set(failed["message"].to_pylist()) == {"it took longer than 4 s, twice; see --trial-timeout"}
 
 
 def test_ctrl_c_leaves_what_can_go_on_and_no_process(home: Home) -> None:
@@ -349,8 +224,6 @@ def test_two_sweeps_do_not_share_a_directory(home: Home) -> None:
 
 
 def test_timings_stand_beside_the_results_one_row_a_trial(home: Home) -> None:
-    import pyarrow.parquet as pq
-
     out, _ = home.sweep("out", 3, GRID)
     timing = pq.read_table(out / "timing.parquet").to_pydict()
     assert list(zip(timing["variant"], timing["trial"], strict=True)) == [

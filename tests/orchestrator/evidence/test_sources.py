@@ -6,11 +6,23 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from orchestrator.campaign.directory import read_facts
 from orchestrator.errors import InputError
 from orchestrator.evidence.chosen import choose
 from orchestrator.evidence.rows import trial_rows
 from orchestrator.evidence.sources import Source, load_source
 from orchestrator.evidence.table import schema, table
+
+FACTS = {
+    "name": "many",
+    "trials": 1,
+    "first_trial": 0,
+    "overrides": [],
+    "swept": {},
+    "versions": {},
+    "variants": [{}],
+    "topology_hashes": [""],
+}
 
 
 def test_a_runs_log_gives_the_rows_of_its_record_in_memory(run, logged, records):
@@ -36,10 +48,31 @@ def test_each_of_very_many_variants_has_its_own_topology(tmp_path):
         source.document(7)
 
 
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("[]", "holds no facts"),
+        ("null", "holds no facts"),
+        ("{}", "lacks name, trials"),
+        (json.dumps(FACTS | {"trials": "many"}), "something impossible of trials"),
+        (json.dumps(FACTS | {"variants": [7]}), "something impossible of variants"),
+        (json.dumps(FACTS | {"variants": [{}, {}]}), "something impossible of its variants"),
+        (json.dumps(FACTS)[:20], "Unterminated"),
+    ],
+)
+def test_facts_that_are_none_are_refused_with_the_reason(tmp_path, content, reason):
+    (tmp_path / "campaign.json").write_text(content)
+    pq.write_table(pa.table({"variant": [0]}), tmp_path / "results.parquet")
+    with pytest.raises(InputError, match=f"is a damaged campaign .*{reason}.* with another --out"):
+        load_source(tmp_path)
+    with pytest.raises(InputError, match=f"is a damaged campaign .*{reason}.* with another --out"):
+        read_facts(tmp_path)
+
+
 def test_a_choice_of_variants_is_read_with_the_commas_of_its_values(tmp_path):
     values = ["[1.0, 2.0]", "[1.0, 3.0]"]
     variants = [{"plant.A": value, "steps": steps} for value in values for steps in ("5", "6")]
-    facts = {"name": "many", "variants": variants}
+    facts = FACTS | {"variants": variants, "topology_hashes": [""] * len(variants)}
     (tmp_path / "campaign.json").write_text(json.dumps(facts))
     pq.write_table(pa.table({"variant": [0, 1, 2, 3]}), tmp_path / "results.parquet")
     for choice, numbers in (("plant.A=[1.0, 3.0]", [2, 3]), ("plant.A=[1.0, 3.0],steps=6", [3]), ("1", [1])):
