@@ -54,28 +54,33 @@ def swept(home: Home, trials: int, override: str) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize(
-    ("override", "file", "name"),
+    ("override", "names"),
     [
-        (IN_PACKAGE, "mypkg/filters.py", "mypkg.filters"),
-        (IN_PACKAGE, "mypkg/tuning.py", "mypkg.tuning"),
-        (IN_PACKAGE, "mypkg/__init__.py", "mypkg"),
-        (IN_FILE, "beside.py", "beside"),
-        (IN_FILE, "alone.py", "alone.py"),
+        (
+            IN_PACKAGE,
+            {
+                "mypkg/filters.py": "mypkg.filters",
+                "mypkg/tuning.py": "mypkg.tuning",
+                "mypkg/__init__.py": "mypkg",
+            },
+        ),
+        (IN_FILE, {"beside.py": "beside", "alone.py": "alone.py"}),
     ],
 )
 def test_code_that_was_changed_is_refused_by_name_and_goes_on_when_it_is_put_back(
-    coded: Home, override: str, file: str, name: str
+    coded: Home, override: str, names: dict[str, str]
 ) -> None:
     assert swept(coded, 1, override)[0] == exit_codes.PASSED
-    place = coded.folder / file
-    before = place.read_text()
-    place.write_text(before + "# changed\n")
-    code, told = swept(coded, 2, override)
-    assert code == exit_codes.BAD_INPUT
-    assert f"  the code of {name} was changed\n" in told
-    assert "put the code back as it was" in told
-    assert "the topology" not in told
-    place.write_text(before)
+    for file, name in names.items():
+        place = coded.folder / file
+        before = place.read_text()
+        place.write_text(before + "# changed\n")
+        code, told = swept(coded, 2, override)
+        assert code == exit_codes.BAD_INPUT
+        assert f"  the code of {name} was changed\n" in told
+        assert "put the code back as it was" in told
+        assert "the topology" not in told
+        place.write_text(before)
     assert swept(coded, 2, override)[0] == exit_codes.PASSED
 
 
