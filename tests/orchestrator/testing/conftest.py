@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, fromstring
 
 import pytest
+
+from orchestrator.testing.again import Source
+from orchestrator.testing.claims import Trial
+from orchestrator.testing.trials import Trials, run_trials
+from orchestrator.topology.load import load_topology
+
+Make = Callable[..., Trials]
 
 CALM = """
 name: calm
@@ -128,3 +137,42 @@ def calm(tmp_path: Path) -> Path:
     (tmp_path / "raising.py").write_text(RAISING)
     (tmp_path / "overconfident.py").write_text(OVERCONFIDENT)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("trials")
+    for name, text in {
+        "calm.yaml": CALM,
+        "attacked.yaml": ATTACKED,
+        "overconfident.py": OVERCONFIDENT,
+    }.items():
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def make(folder: Path) -> Make:
+    def make(name: str, seeds: range, *overrides: str, backend: str = "inprocess") -> Trials:
+        loaded = load_topology(folder / name, overrides, directory=folder)
+        return run_trials(loaded, seeds, folder / "logs", backend, overrides, folder)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def calm_trials(make: Make) -> Trials:
+    return make("calm.yaml", range(10))
+
+
+def of(trials: Trials, chosen: Sequence[Trial], *overrides: str) -> Trials:
+    """Return some of the trials, or others in their place, as trials of the same topology."""
+    file, folder = trials.topology.path, trials.topology.path.parent
+    source = Source(file, overrides, folder, "inprocess", 0, folder / "logs", "logs")
+    return Trials(trials.topology, chosen, source)
+
+
+def log_in(failure: pytest.ExceptionInfo[AssertionError]) -> Path:
+    """Return the log that a failed assertion points to."""
+    (path,) = re.findall(r"log of seed \d+: (\S+)", str(failure.value))
+    return Path(path)
